@@ -4,7 +4,7 @@
 # The default command serves without keys (--open): anyone who reaches the port may create episodes. For a server that
 # others can reach, give a command of your own, for example: docker run … swarmbench serve --help
 
-# The slim image brings gcc and the C library's headers. No package more is needed: aws-lc-sys and the bundled SQLite are
+# The slim image brings gcc and the C library's headers. No package more is needed: ring and the bundled SQLite are
 # compiled by gcc alone, from sources and bindings that their crates ship (no cmake, no libclang, no pkg-config).
 FROM rust:1.95-slim-bookworm AS build
 WORKDIR /src

@@ -1,35 +1,7 @@
 //! Resources of the host besides time and randomness: free space on a disk, memory, and open files.
 
-use std::fs::File;
-use std::io::{self, Read as _};
 use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU8, Ordering};
-
-/// Opens a regular file to read it. Refuses devices and pipes, which may have no end, or no beginning.
-pub fn open_file(path: &Path) -> io::Result<File> {
-    if !std::fs::metadata(path)?.is_file() {
-        return Err(io::Error::other("it is not a regular file"));
-    }
-    File::open(path)
-}
-
-/// Maximum bytes of a file that is read as one text: templates, experiments, definitions, secrets.
-pub const TEXT_BYTES_MAX: u64 = 16 * 1024 * 1024;
-
-/// Reads a file as one text, of at most [`TEXT_BYTES_MAX`].
-pub fn read_text(path: &Path) -> io::Result<String> {
-    text_of(open_file(path)?)
-}
-
-/// Reads one text to its end, of at most [`TEXT_BYTES_MAX`].
-pub fn text_of(from: impl io::Read) -> io::Result<String> {
-    let mut text = String::new();
-    let read = from.take(TEXT_BYTES_MAX + 1).read_to_string(&mut text)?;
-    if read as u64 > TEXT_BYTES_MAX {
-        return Err(io::Error::other(format!("it has more than {TEXT_BYTES_MAX} bytes")));
-    }
-    Ok(text)
-}
 
 /// Raises the limit of open files as far as the host allows, and returns it; `None` means no limit.
 pub fn raise_open_files() -> Option<u64> {

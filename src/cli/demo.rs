@@ -10,11 +10,11 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 
 use super::output::{self, progress_bars};
-use super::play::{bar, play_one, player, request, scores};
 use crate::server::{Parts, Server};
 use crate::store::Location;
 use crate::telemetry::{LogFormat, start_logs};
 use swarmbench_client::client::Client;
+use swarmbench_commands::play::{bar, play_one, player, request, scores};
 use swarmbench_protocol::episode::{EpisodeRequest, EpisodeSummary};
 
 #[derive(Debug, clap::Args)]
@@ -62,7 +62,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     }
     let played = tokio::select! {
         played = play_all(&base, args.seed) => Some(played?),
-        () = super::asked_to_stop() => None,
+        () = swarmbench_commands::stop::asked_to_stop() => None,
     };
     if let Some(played) = played {
         if args.json {
@@ -77,7 +77,7 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
             }
         }
         if !args.exit {
-            super::asked_to_stop().await;
+            swarmbench_commands::stop::asked_to_stop().await;
         }
     }
     drop(stop);

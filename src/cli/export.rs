@@ -10,9 +10,7 @@ use swarmbench_engine::TaskName;
 use tokio_util::sync::CancellationToken;
 
 use super::no_match::Models;
-use super::options::client;
 use super::output::{self, progress_bar, set};
-use super::play::task;
 use crate::dataset::export::{Export, ExportError, Exported, ImportedGames, Selection};
 use crate::dataset::files::{Archive, Files, Folder, has_games};
 use crate::dataset::tables::TableName;
@@ -20,6 +18,8 @@ use crate::episode::Status;
 use crate::ids::EpisodeId;
 use crate::store::episodes::{Filter, Readable};
 use crate::store::{Location, Store};
+use swarmbench_commands::options::client;
+use swarmbench_commands::play::task;
 
 #[derive(Debug, clap::Args)]
 #[command(

@@ -4,13 +4,14 @@ use anyhow::{anyhow, bail};
 use jiff::{Span, SpanRelativeTo, Timestamp};
 use serde_json::json;
 
-use super::options::{Source, client, open_database};
+use super::options::{Source, open_database};
 use super::output::{self, cell, table};
-use super::pages::Page;
 use crate::keys::{Key, KeyRow, Role};
 use crate::store::Location;
 use crate::store::entries::{AuditRow, Entry};
 use swarmbench_clock::{Clock, SystemClock, SystemEntropy};
+use swarmbench_commands::options::client;
+use swarmbench_commands::pages::Page;
 use swarmbench_protocol::key::{CreatedKey, KeyRequest};
 
 #[derive(Debug, clap::Args)]

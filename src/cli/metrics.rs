@@ -9,11 +9,11 @@ use swarmbench_analysis::{Definition, Metric, Options};
 use swarmbench_client::client::Client;
 use swarmbench_protocol::metrics::{GameMetrics, MetricMean, MetricsMethod, RunMetrics};
 
-use super::journals::open_lines;
-use super::options::ServerArgs;
 use super::output::{self, fields, mean, progress_bar, set, table};
 use crate::measure::{means, method, series, values};
 use crate::store::metrics::Measured;
+use swarmbench_commands::journals::open_lines;
+use swarmbench_commands::options::ServerArgs;
 
 /// States of a series that a server sends in one page.
 const STATES: u32 = 1000;

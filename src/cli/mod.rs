@@ -1,22 +1,16 @@
-//! Command line, with one file per command.
+//! Command line, with one file per command. Commands that need only the address of a server are in `crates/commands`.
 
-mod audit;
 mod backup;
 mod board;
-mod clock;
-mod competition;
 mod completions;
 mod demo;
-mod eval;
 mod export;
 mod games;
-mod healthcheck;
+mod hosting;
 mod import;
-mod journals;
 mod key;
 mod leaderboard;
 mod man;
-mod mcp;
 mod metrics;
 mod migrate;
 mod moved;
@@ -24,10 +18,6 @@ mod no_match;
 mod openapi;
 mod options;
 mod output;
-mod pages;
-mod partial;
-mod play;
-mod replay;
 mod serve;
 mod sheet;
 mod table;
@@ -36,6 +26,7 @@ mod verify;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use swarmbench_commands::{audit, clock, competition, eval, healthcheck, mcp, play, replay};
 use swarmbench_terminal::arguments;
 
 /// SwarmBench measures over HTTP whether language models can act as a swarm.
@@ -73,7 +64,7 @@ enum Command {
     /// Let an assistant play a seat: run an MCP server, with tools for the game, over standard input and output.
     Mcp(mcp::Args),
     /// Evaluate language models or built-in players on tasks, seeds and settings; the same command resumes an evaluation.
-    Eval(Box<eval::Args>),
+    Eval(Box<eval::Args<hosting::Hosting>>),
     /// Replay a journal file, a competition or a whole database, and check every hash, digest, act and score.
     Verify(verify::Args),
     /// Show the leaderboard of a suite.
@@ -132,7 +123,7 @@ pub fn main() -> ExitCode {
         Command::Backup(args) => with_runtime(backup::run(args)),
         Command::Migrate(args) => with_runtime(migrate::run(args)),
         Command::Export(args) => with_runtime(export::run(args)),
-        Command::Replay(args) => with_runtime(replay::run(args)),
+        Command::Replay(args) => with_runtime(replay::run(args, crate::pages::single_page)),
         Command::Import(args) => with_runtime(import::run(args)),
         Command::Openapi(args) => openapi::run(&args),
         Command::Healthcheck(args) => with_runtime(healthcheck::run(args)),
@@ -145,26 +136,6 @@ pub fn main() -> ExitCode {
 fn with_runtime<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
     let mut runtime = tokio::runtime::Builder::new_multi_thread();
     runtime.thread_stack_size(crate::work::STACK_BYTES).enable_all().build()?.block_on(work)
-}
-
-/// Completes at the first Ctrl-C or SIGTERM after this call.
-fn asked_to_stop() -> impl Future<Output = ()> {
-    use tokio::signal::unix::{Signal, SignalKind, signal};
-    async fn received(signal: std::io::Result<Signal>) {
-        match signal {
-            Ok(mut signal) => drop(signal.recv().await),
-            // If no handler can be installed, the signal is never received here.
-            Err(_) => std::future::pending().await,
-        }
-    }
-    let interrupted = signal(SignalKind::interrupt());
-    let terminated = signal(SignalKind::terminate());
-    async {
-        tokio::select! {
-            () = received(interrupted) => {}
-            () = received(terminated) => {}
-        }
-    }
 }
 
 #[cfg(test)]

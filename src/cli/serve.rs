@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use ipnet::IpNet;
+use swarmbench_clock::files::read_text;
 use tokio::net::TcpListener;
 
-use crate::host::read_text;
 use crate::http::limits::Limits;
 use crate::http::{Access, Source};
 use crate::ids::RoutingName;
@@ -204,7 +204,7 @@ fn access(args: &Args) -> Access {
 
 pub(super) async fn run(args: Args) -> anyhow::Result<()> {
     start_logs(args.log_format);
-    let stop = super::asked_to_stop();
+    let stop = swarmbench_commands::stop::asked_to_stop();
     let limits = Limits {
         address_requests_per_s_max: args.address_requests_per_s,
         key_requests_per_s_max: args.key_requests_per_s,

@@ -8,7 +8,6 @@ use indicatif::HumanCount;
 use serde_json::json;
 use swarmbench_engine::physics::Solver;
 
-use super::journals::{Lines, open_lines};
 use super::output::{self, cell, fields, progress_bar, rank, set, table, total};
 use crate::competitions;
 use crate::store::Location;
@@ -16,6 +15,7 @@ use crate::store::check::{Damage, check};
 use swarmbench_boards::competition::export::Action;
 use swarmbench_boards::competition::standings::StandingsRow;
 use swarmbench_boards::competition::verify::{self as competition, Expected};
+use swarmbench_commands::journals::{Lines, open_lines};
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::fork::verify_fork;
 use swarmbench_journal::replay::verify;

@@ -13,12 +13,12 @@ use std::rc::Rc;
 
 use serde::de::{DeserializeOwned, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde_json::value::RawValue;
+use swarmbench_clock::files;
 use zip::ZipArchive;
 
 use super::bounds::{Bounded, Bounds};
 use super::format::{self, META, Meta, is_run_id};
 use super::imported::Builder;
-use crate::host::open_file;
 use crate::store::entries::ImportRow;
 
 /// Description of a valid run id.
@@ -216,7 +216,7 @@ impl NumberedFiles {
             }
             return Ok(Self::Folder(found.files));
         }
-        let mut file = open_file(path).map_err(failed)?;
+        let mut file = files::open(path).map_err(failed)?;
         if declared(&mut file).map_err(failed)? > bounds.entries_max as u64 {
             return Err(ReadError::Entries { path: path.to_owned(), most: bounds.entries_max });
         }

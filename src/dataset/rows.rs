@@ -7,8 +7,7 @@ use std::path::Path;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 use serde_json::{Map, Value};
-
-use crate::host::open_file;
+use swarmbench_clock::files;
 
 /// Maximum bytes of a line.
 const LINE_BYTES_MAX: usize = 4 * 1024 * 1024;
@@ -101,7 +100,7 @@ pub fn read(
     path: &Path,
     mut each: impl FnMut(DatasetRow) -> io::Result<()>,
 ) -> Result<(), RowsError> {
-    let mut file = open_file(path)?;
+    let mut file = files::open(path)?;
     if path.extension().is_none_or(|end| end != "parquet") {
         let mut lines = Lines::new(each);
         io::copy(&mut file, &mut lines)?;

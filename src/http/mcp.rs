@@ -117,14 +117,18 @@ impl SeatAccess for ServerSeat {
         wait: Duration,
         prompt: bool,
     ) -> BoxFuture<'_, Result<Vec<u8>, Refusal>> {
-        let seen =
-            async move { see(&self.app, &self.find().await.map_err(refusal)?, after, wait, prompt).await.map_err(refusal) };
+        let seen = async move {
+            see(&self.app, &self.find().await.map_err(refusal)?, after, wait, prompt)
+                .await
+                .map_err(refusal)
+        };
         Box::pin(self.origin.scope(seen))
     }
 
     fn act(&self, act: ActRequest) -> BoxFuture<'_, Result<Receipt, Refusal>> {
-        let receipt =
-            async move { submit(&self.app, &self.find().await.map_err(refusal)?, act).await.map_err(refusal) };
+        let receipt = async move {
+            submit(&self.app, &self.find().await.map_err(refusal)?, act).await.map_err(refusal)
+        };
         Box::pin(self.origin.scope(receipt))
     }
 }

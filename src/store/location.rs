@@ -8,8 +8,7 @@ use std::str::FromStr;
 
 use percent_encoding::percent_decode_str;
 use sqlx::postgres::PgConnectOptions;
-
-use crate::host::read_text;
+use swarmbench_clock::files::read_text;
 
 /// A file of SQLite, or a database of PostgreSQL.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! The host's time and randomness, as arguments.
+//! The host's time and randomness, as arguments, and its [`files`].
 //!
 //! The crate is separate because the server and its clients both use it, and neither depends on the other.
 //!
@@ -8,6 +8,7 @@
 //! [`Clock::to_wall`] and [`Clock::running_at`] convert between the two.
 
 mod agreement;
+pub mod files;
 mod running;
 
 use std::pin::Pin;

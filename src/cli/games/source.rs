@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 use tokio_util::sync::CancellationToken;
 
-use super::super::options::ServerArgs;
 use super::super::output::{progress_bar, set};
 use super::{Condition, Games, Selected, Value, games_told, told};
 use crate::dataset::export::{Export, Selection};
@@ -15,6 +14,7 @@ use crate::dataset::rows::{self, DatasetRow, Lines};
 use crate::dataset::tables::TableName;
 use crate::store::episodes::{Filter, Readable};
 use crate::store::{Location, Store};
+use swarmbench_commands::options::ServerArgs;
 
 /// Source of games.
 #[derive(Clone, Debug, clap::Args)]

@@ -8,8 +8,8 @@ use anyhow::Context;
 use comfy_table::{CellAlignment, ColumnConstraint, Table};
 
 use super::games::Value;
-use super::leaderboard::{fit, short};
 use super::output::{table, width};
+use swarmbench_commands::boards::{fit, short};
 use text::{latex, markdown, plain};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

@@ -13,11 +13,11 @@ use swarmbench_replay::draw::moments::{MOMENTS_MAX, Moments};
 use swarmbench_replay::draw::{Canvas, FRAMES_PER_SECOND_MAX, Film, Gif, Scene, Y4m, png, svg};
 use tokio_util::sync::CancellationToken;
 
-use super::asked_to_stop;
 use super::journals::{self, Journal, Outline};
 use super::options::ServerArgs;
 use super::output::{self, progress_bar, set};
 use super::partial::Partial;
+use crate::stop::asked_to_stop;
 use page::GamePage;
 
 /// Maximum frames of a replay.
@@ -40,7 +40,7 @@ const PNG_SCALE: f64 = 2.0;
     swarmbench replay game.jsonl --y4m - | ffmpeg -i - game.mp4\n  \
     swarmbench replay game.jsonl --html game.html"
 )]
-pub(super) struct Args {
+pub struct Args {
     /// A journal file, or the id of an episode on the server.
     game: String,
     #[command(flatten)]
@@ -107,7 +107,10 @@ fn rounds(text: &str) -> Result<RangeInclusive<u32>, String> {
     if range.is_empty() { Err(format!("{text:?} ends before it begins")) } else { Ok(range) }
 }
 
-pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+/// A page that contains a game, of its title and the game's data.
+pub type SinglePage = fn(&str, &serde_json::Value) -> String;
+
+pub async fn run(args: Args, single_page: SinglePage) -> anyhow::Result<()> {
     let journal = Journal::find(&args.game, args.server.clone()).await?;
     let stop = CancellationToken::new();
     let (told, stopping) = (stop.clone(), asked_to_stop());
@@ -115,10 +118,15 @@ pub(super) async fn run(args: Args) -> anyhow::Result<()> {
         stopping.await;
         told.cancel();
     });
-    tokio::task::spawn_blocking(move || write(&args, &journal, &stop)).await?
+    tokio::task::spawn_blocking(move || write(&args, single_page, &journal, &stop)).await?
 }
 
-fn write(args: &Args, journal: &Journal, stop: &CancellationToken) -> anyhow::Result<()> {
+fn write(
+    args: &Args,
+    single_page: SinglePage,
+    journal: &Journal,
+    stop: &CancellationToken,
+) -> anyhow::Result<()> {
     let outline = Outline::of(journal)?;
     if let Some(path) = &args.output.picture {
         return write_moments(args, path, &outline, journal, stop);
@@ -132,7 +140,7 @@ fn write(args: &Args, journal: &Journal, stop: &CancellationToken) -> anyhow::Re
     );
     let last = last.min(outline.last());
     if let Some(path) = &args.output.html {
-        let page = GamePage::new(outline, first..=last, args.prompts);
+        let page = GamePage::new(outline, first..=last, args.prompts, single_page);
         return write_page(page, path, last, journal, stop);
     }
     let mut layout = layout(args, &outline)?;

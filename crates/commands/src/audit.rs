@@ -13,7 +13,7 @@ const PAGE_ENTRIES_MAX: usize = 1000;
     after_help = "The server requires an organizer's key: put the key into SWARMBENCH_KEY. Every entry was stored in the same \
     transaction as the change that it describes. The actor `local` is a user of the server's machine who ran `swarmbench key`."
 )]
-pub(super) struct Args {
+pub struct Args {
     #[command(flatten)]
     server: ServerArgs,
     /// The maximum number of entries. The newest come first.
@@ -24,7 +24,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+pub async fn run(args: Args) -> anyhow::Result<()> {
     let client = args.server.client().await?;
     let limit = args.limit.clamp(1, PAGE_ENTRIES_MAX).to_string();
     let mut entries: Vec<AuditEntry> = Vec::new();

@@ -15,8 +15,8 @@ use swarmbench_replay::{
     Reel, Round, Scene, agent_round, block_cells, ground, inbox, rounded, shown_act,
 };
 
-use super::super::journals::Outline;
-use crate::pages::single_page;
+use super::SinglePage;
+use crate::journals::Outline;
 
 /// Maximum bytes of a game in a page, as browsers open larger pages slowly.
 const PAGE_GAME_BYTES_MAX: usize = 64 << 20;
@@ -26,6 +26,7 @@ pub(super) struct GamePage {
     outline: Outline,
     wanted: RangeInclusive<u32>,
     with_prompts: bool,
+    single_page: SinglePage,
     begun: Option<Begun>,
     /// Data common to all wanted states.
     page: ReplayPage,
@@ -45,12 +46,18 @@ struct Begun {
 }
 
 impl GamePage {
-    pub(super) fn new(outline: Outline, wanted: RangeInclusive<u32>, with_prompts: bool) -> Self {
+    pub(super) fn new(
+        outline: Outline,
+        wanted: RangeInclusive<u32>,
+        with_prompts: bool,
+        single_page: SinglePage,
+    ) -> Self {
         let page = ReplayPage { from: *wanted.start(), ..ReplayPage::default() };
         Self {
             outline,
             wanted,
             with_prompts,
+            single_page,
             begun: None,
             page,
             states: Vec::new(),
@@ -126,7 +133,7 @@ impl GamePage {
 
     /// The finished page.
     pub(super) fn finish(self) -> anyhow::Result<String> {
-        let Self { outline, wanted, page, states, acts, begun, .. } = self;
+        let Self { outline, wanted, single_page, page, states, acts, begun, .. } = self;
         let last = begun.ok_or_else(|| anyhow!("the journal has no layout"))?.before;
         let config = &outline.opening.config;
         let end = outline.end.as_ref();

@@ -8,10 +8,9 @@ use comfy_table::{CellAlignment, ColumnConstraint};
 use serde_json::json;
 use swarmbench_engine::{Seed, TaskName};
 
-use super::super::leaderboard::{fit, short};
-use super::super::output::{self, table, wrapped};
-use super::Hosting;
 use super::estimate::{ESTIMATED, Estimate, SEALED_ESTIMATE_SEED, estimate};
+use crate::boards::{fit, short};
+use crate::output::{self, table, wrapped};
 use swarmbench_client::eval::experiment::Shape;
 use swarmbench_client::eval::plan::{Plan, Planned, Who, ranges, setting_text};
 use swarmbench_client::eval::report::{ExperimentReport, Played, short as tokens};
@@ -112,7 +111,7 @@ impl Showing {
             }
             Some(path) => note!("not all games were played, so {} is not written", path.display()),
             None if self.format() == Format::Table => {}
-            None => super::super::output::data(&text),
+            None => crate::output::data(&text),
         }
         Ok(())
     }
@@ -125,11 +124,10 @@ impl Showing {
     }
 
     /// Names commands that show more.
-    pub(super) fn tell_more(&self, plan: &Plan, played: &[Played], hosting: &Hosting) {
+    pub(super) fn tell_more(&self, plan: &Plan, played: &[Played], place: &str) {
         if self.format() != Format::Table && self.output.is_none() {
             return;
         }
-        let place = hosting.place();
         if let Some(entry) = plan.runs.iter().find_map(|run| run.entry.as_ref()) {
             let id = &entry.competition.id;
             note!(

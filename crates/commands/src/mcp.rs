@@ -19,7 +19,7 @@ use swarmbench_protocol::act::{ActRequest, Receipt};
     -- swarmbench mcp --server http://127.0.0.1:8080\n\nAn \
     assistant that speaks HTTP needs no command: the server has the same tools at /mcp."
 )]
-pub(super) struct Args {
+pub struct Args {
     /// The address of the server.
     #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
     server: String,
@@ -28,7 +28,7 @@ pub(super) struct Args {
     token: Option<String>,
 }
 
-pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+pub async fn run(args: Args) -> anyhow::Result<()> {
     if std::io::stdin().is_terminal() {
         bail!(
             "this command is started by an assistant, and talks to it over standard input and output; \

@@ -4,7 +4,7 @@ use super::output;
 use swarmbench_client::client::Client;
 
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {
+pub struct Args {
     /// The address of the server.
     #[arg(long, env = "SWARMBENCH_SERVER", default_value = "http://127.0.0.1:8080")]
     server: String,
@@ -13,7 +13,7 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+pub async fn run(args: Args) -> anyhow::Result<()> {
     let health = Client::new(&args.server)?.health().await?;
     if args.json {
         return output::json(&health);

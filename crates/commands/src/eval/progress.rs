@@ -7,8 +7,8 @@ use std::time::Duration;
 use indicatif::{MultiProgress, ProgressBar};
 use jiff::Timestamp;
 
-use super::super::output::{LINE_EVERY, note_width, progress_bar, progress_bars};
 use super::attempt;
+use crate::output::{LINE_EVERY, note_width, progress_bar, progress_bars};
 use swarmbench_client::eval::conduct::{Found, News};
 use swarmbench_client::eval::plan::{Plan, Planned};
 use swarmbench_client::eval::report::short;

@@ -23,7 +23,7 @@ use swarmbench_protocol::run::{RunDetail, RunRequest, SuiteRequest};
     --player.\n\nWith --suite the command plays a whole run, with --run the rest of a run. It takes the run's token from \
     SWARMBENCH_RUN_TOKEN; without that the creator of the run gets a new token, and the earlier one is no longer valid."
 )]
-pub(super) struct Args {
+pub struct Args {
     #[command(flatten)]
     server: ServerArgs,
     /// The task: Transport, Pursuit, Synchronization, Foraging or Flocking.
@@ -76,12 +76,12 @@ pub(super) struct Args {
     json: bool,
 }
 
-pub(super) fn task(name: &str) -> Result<TaskName, String> {
+pub fn task(name: &str) -> Result<TaskName, String> {
     let names: Vec<_> = TaskName::ALL.iter().map(|task| task.name()).collect();
     TaskName::find(name).ok_or_else(|| format!("the tasks are {}", names.join(", ")))
 }
 
-pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+pub async fn run(args: Args) -> anyhow::Result<()> {
     let plays = |task: &TaskName| args.suite.is_some() || args.task == Some(*task);
     for task in TaskName::ALL.into_iter().filter(plays) {
         player(args.player.as_deref(), task)?;
@@ -230,7 +230,7 @@ fn results(run: &RunDetail) -> Table {
 }
 
 /// The named player, or the default one of a task.
-pub(super) fn player(name: Option<&str>, task: TaskName) -> anyhow::Result<&'static BuiltIn> {
+pub fn player(name: Option<&str>, task: TaskName) -> anyhow::Result<&'static BuiltIn> {
     match name {
         None => Ok(default_for(task)),
         Some(name) => find(name, task).map_err(|error| anyhow::anyhow!("{error}")),
@@ -238,7 +238,7 @@ pub(super) fn player(name: Option<&str>, task: TaskName) -> anyhow::Result<&'sta
 }
 
 /// An episode with standard settings for a built-in player.
-pub(super) fn request(task: TaskName, player: &BuiltIn) -> EpisodeRequest {
+pub fn request(task: TaskName, player: &BuiltIn) -> EpisodeRequest {
     EpisodeRequest {
         task: Some(task.name().to_owned()),
         model: Some(format!("built-in/{}", player.name)),
@@ -247,7 +247,7 @@ pub(super) fn request(task: TaskName, player: &BuiltIn) -> EpisodeRequest {
 }
 
 /// Creates an episode and plays it with a progress bar.
-pub(super) async fn play_one(
+pub async fn play_one(
     client: &Client,
     request: &EpisodeRequest,
     player: &'static BuiltIn,
@@ -275,12 +275,12 @@ pub(super) async fn play_one(
     Ok((summary, created.swarm_token))
 }
 
-pub(super) fn bar(task: &str, player: &str) -> ProgressBar {
+pub fn bar(task: &str, player: &str) -> ProgressBar {
     progress_bar("{prefix:38} {bar:30} round {pos:>3}/{len:3} {msg}")
         .with_prefix(format!("{task} ({player})"))
 }
 
-pub(super) fn scores<'a>(played: impl Iterator<Item = (&'a str, &'a EpisodeSummary)>) -> Table {
+pub fn scores<'a>(played: impl Iterator<Item = (&'a str, &'a EpisodeSummary)>) -> Table {
     let mut table = table(&["task", "player", "seed", "rounds", "score", "end", "episode"]);
     for (player, episode) in played {
         let seed = cell(episode.config.seed);

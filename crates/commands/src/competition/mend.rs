@@ -12,8 +12,8 @@ use swarmbench_protocol::competition::{
 };
 use swarmbench_protocol::names::printable;
 
-use super::super::pages::{Page, all};
 use super::{CompetitionId, EntrantOf, changed, path, show, tables, tell_changed};
+use crate::pages::{Page, all};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
@@ -250,7 +250,7 @@ impl Change {
         } = self;
         let read = |file: PathBuf| {
             let why = || format!("--terms takes a file, --terms-text a text; {}", file.display());
-            crate::host::read_text(&file).with_context(why)
+            swarmbench_clock::files::read_text(&file).with_context(why)
         };
         let windows = window.into_iter();
         let windows =

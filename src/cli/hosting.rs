@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
+use futures::future::{BoxFuture, LocalBoxFuture};
+use swarmbench_commands::eval;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
@@ -34,7 +36,7 @@ pub(super) struct Hosting {
     db: Option<Location>,
     /// The number of games that are open at a time (4).
     #[arg(long, value_name = "GAMES", value_parser = clap::value_parser!(u32).range(1..=64))]
-    pub(super) parallel: Option<u32>,
+    parallel: Option<u32>,
 }
 
 impl Hosting {
@@ -44,20 +46,24 @@ impl Hosting {
         if self.db.is_some() { None } else { self.server.clone().or_else(environment) }
     }
 
-    /// Options by which other commands reach the same server or database.
-    pub(super) fn place(&self) -> String {
+    fn database(&self) -> Location {
+        self.db.clone().unwrap_or_else(|| Location::from(Path::new(DATABASE)))
+    }
+}
+
+impl eval::Hosting for Hosting {
+    fn parallel(&self) -> Option<u32> {
+        self.parallel
+    }
+
+    fn place(&self) -> String {
         match self.joined() {
             Some(server) => format!("--server {server}"),
             None => format!("--db {}", self.database()),
         }
     }
 
-    fn database(&self) -> Location {
-        self.db.clone().unwrap_or_else(|| Location::from(Path::new(DATABASE)))
-    }
-
-    /// Requires a running server and an entrant's key for an attempt in a competition.
-    pub(super) fn check_attempt(&self) -> anyhow::Result<()> {
+    fn check_attempt(&self) -> anyhow::Result<()> {
         ensure!(
             self.db.is_none(),
             "an attempt is played on the server of its competition: leave out --db"
@@ -73,39 +79,39 @@ impl Hosting {
         Ok(())
     }
 
-    /// A client of the server, and the server if it is this command's own. `stop` is cancelled when that server cannot acknowledge
-    /// anything any more.
-    pub(super) async fn open(
-        &self,
-        stop: &CancellationToken,
-    ) -> anyhow::Result<(Client, Option<Hosted>)> {
-        let (base, hosted) = if let Some(server) = self.joined() {
-            (server, None)
-        } else {
-            let hosted = Hosted::open(self.database(), stop.clone()).await?;
-            (hosted.base.clone(), Some(hosted))
-        };
-        let client = Client::new(&base)?;
-        let client = match self.key.clone() {
-            Some(key) => client.with_key(key),
-            None => client,
-        };
-        // Requests during games are retried while the server is unavailable; this one is not.
-        client.health().await?;
-        if let (Some(hosted), None) = (&hosted, &self.key)
-            && hosted.has_keys
-        {
-            bail!(
-                "{} has keys, so its games belong to somebody: show yours with --key or SWARMBENCH_KEY",
-                self.database()
-            );
-        }
-        Ok((client, hosted))
+    fn open<'h>(
+        &'h self,
+        stop: &'h CancellationToken,
+    ) -> LocalBoxFuture<'h, anyhow::Result<eval::Opened>> {
+        Box::pin(async move {
+            let (base, hosted) = if let Some(server) = self.joined() {
+                (server, None)
+            } else {
+                let hosted = Hosted::open(self.database(), stop.clone()).await?;
+                (hosted.base.clone(), Some(hosted))
+            };
+            let client = Client::new(&base)?;
+            let client = match self.key.clone() {
+                Some(key) => client.with_key(key),
+                None => client,
+            };
+            // Requests during games are retried while the server is unavailable; this one is not.
+            client.health().await?;
+            if let (Some(hosted), None) = (&hosted, &self.key)
+                && hosted.has_keys
+            {
+                bail!(
+                    "{} has keys, so its games belong to somebody: show yours with --key or SWARMBENCH_KEY",
+                    self.database()
+                );
+            }
+            Ok((client, hosted.map(|hosted| Box::new(hosted) as Box<dyn eval::Hosted>)))
+        })
     }
 }
 
 /// The server that this command runs.
-pub(super) struct Hosted {
+struct Hosted {
     base: String,
     has_keys: bool,
     failed: CancellationToken,
@@ -144,14 +150,17 @@ impl Hosted {
         note!("{} is served at {base} meanwhile: watch the games there", db);
         Ok(Self { base, has_keys, failed, stop, serving })
     }
+}
 
-    /// Stops the server.
-    pub(super) async fn close(self) -> anyhow::Result<()> {
-        drop(self.stop);
-        self.serving.await??;
-        if self.failed.is_cancelled() {
-            bail!("a commit failed, so nothing more could be stored");
-        }
-        Ok(())
+impl eval::Hosted for Hosted {
+    fn close(self: Box<Self>) -> BoxFuture<'static, anyhow::Result<()>> {
+        Box::pin(async move {
+            drop(self.stop);
+            self.serving.await??;
+            if self.failed.is_cancelled() {
+                bail!("a commit failed, so nothing more could be stored");
+            }
+            Ok(())
+        })
     }
 }

@@ -17,7 +17,7 @@ use tokio_util::sync::CancellationToken;
 
 use asking::Asking;
 use attempt::Attempt;
-use hosting::Hosting;
+pub use hosting::{Hosted, Hosting, Opened};
 use progress::Progress;
 use showing::Showing;
 
@@ -73,7 +73,17 @@ const WAITING_EVERY: Duration = Duration::from_secs(10);
         answer); 130, the evaluation was interrupted and the same command resumes it.\n\n\
         docs/evaluate/eval.md says more, and examples/eval has the experiments of the paper."
 )]
-pub(super) struct Args {
+pub struct Args<H: clap::Args> {
+    #[command(flatten)]
+    asked: Asked,
+    #[command(flatten, next_help_heading = "Server")]
+    hosting: H,
+    #[command(flatten)]
+    ending: Ending,
+}
+
+#[derive(Debug, clap::Args)]
+struct Asked {
     /// An experiment as a TOML file; options on the command line override it.
     file: Option<PathBuf>,
     #[command(flatten, next_help_heading = "Games")]
@@ -84,8 +94,10 @@ pub(super) struct Args {
     attempt: Attempt,
     #[command(flatten, next_help_heading = "Requests to models")]
     asking: Asking,
-    #[command(flatten, next_help_heading = "Server")]
-    hosting: Hosting,
+}
+
+#[derive(Debug, clap::Args)]
+struct Ending {
     #[command(flatten, next_help_heading = "Output")]
     showing: Showing,
     /// Play nothing: show the games that would be played, the maximum number of requests to models, and an estimate of their
@@ -136,26 +148,33 @@ fn list<T>(values: Vec<T>) -> Option<List<T>> {
     (!values.is_empty()).then_some(List(values))
 }
 
-impl Args {
+/// An evaluation, as the command line describes it.
+struct Evaluation<'h> {
+    asked: Asked,
+    hosting: &'h dyn Hosting,
+    ending: Ending,
+}
+
+impl Evaluation<'_> {
     /// Settings from the command line.
     fn said(&mut self) -> Experiment {
-        let Games { task, seeds, settings, prompt_template } = &mut self.games;
-        let models = std::mem::take(&mut self.who.model);
+        let Games { task, seeds, settings, prompt_template } = &mut self.asked.games;
+        let models = std::mem::take(&mut self.asked.who.model);
         Experiment {
             tasks: taken(task),
             seeds: taken(seeds),
             models: list(models.iter().map(|name| ModelEntry::named(name)).collect()),
-            players: taken(&mut self.who.player),
-            player_seed: self.who.player_seed,
+            players: taken(&mut self.asked.who.player),
+            player_seed: self.asked.who.player_seed,
             prompt_template: prompt_template.take(),
             settings: Axes {
-                temperature: std::mem::take(&mut self.asking.temperature),
-                top_p: std::mem::take(&mut self.asking.top_p),
+                temperature: std::mem::take(&mut self.asked.asking.temperature),
+                top_p: std::mem::take(&mut self.asked.asking.top_p),
                 ..std::mem::take(settings)
             },
-            parallel: self.hosting.parallel,
-            board: self.showing.board.map(Into::into),
-            ..self.asking.said()
+            parallel: self.hosting.parallel(),
+            board: self.ending.showing.board.map(Into::into),
+            ..self.asked.asking.said()
         }
     }
 
@@ -163,8 +182,8 @@ impl Args {
     fn experiment(&mut self) -> anyhow::Result<(Experiment, Option<String>)> {
         let mut said = self.said();
         read_systems(&mut said, Path::new(""))?;
-        let read = self.file.as_deref().map(read).transpose()?;
-        self.attempt.check(&said, read.as_ref())?;
+        let read = self.asked.file.as_deref().map(read).transpose()?;
+        self.asked.attempt.check(&said, read.as_ref())?;
         let mut experiment = match read {
             None => said,
             Some(read) => read.with(said),
@@ -174,7 +193,7 @@ impl Args {
             if is_name(&path) {
                 return Ok(path.display().to_string());
             }
-            crate::host::read_text(&path).with_context(|| {
+            swarmbench_clock::files::read_text(&path).with_context(|| {
                 format!("the prompt template {}: a file, or the name toolkit", path.display())
             })
         });
@@ -187,19 +206,19 @@ impl Args {
         stop: &CancellationToken,
     ) -> anyhow::Result<(Experiment, Plan, Option<Client>)> {
         let (experiment, template) = self.experiment()?;
-        let (plan, joined) = if self.attempt.competition.is_some() {
+        let (plan, joined) = if self.asked.attempt.competition.is_some() {
             ensure!(
-                !self.verify,
+                !self.ending.verify,
                 "the journals of an attempt are sealed until its competition has closed, so leave out --verify; then \
                  `swarmbench verify --competition` checks its export"
             );
             ensure!(
-                !self.asking.is_replay(),
+                !self.asked.asking.is_replay(),
                 "an attempt is played by the declared model and not by a recording, so leave out --replay"
             );
             self.hosting.check_attempt()?;
             let (client, _) = self.hosting.open(stop).await?;
-            let entry = self.attempt.entry(&client).await?;
+            let entry = self.asked.attempt.entry(&client).await?;
             (Plan::of_attempt(&experiment, template.as_deref(), entry), Some(client))
         } else {
             let template = swarmbench_prompt::chosen(template);
@@ -207,11 +226,11 @@ impl Args {
             checked.context("the prompt template")?;
             (Plan::of(&experiment, template.as_deref()), None)
         };
-        let plan = plan.map_err(|wrong| match &self.file {
+        let plan = plan.map_err(|wrong| match &self.asked.file {
             Some(file) => anyhow!("{}:\n       {wrong}", file.display()),
             None => anyhow!(wrong),
         })?;
-        let plan = if self.asking.is_replay() { plan.replayed() } else { plan };
+        let plan = if self.asked.asking.is_replay() { plan.replayed() } else { plan };
         Ok((experiment, plan, joined))
     }
 }
@@ -229,7 +248,7 @@ fn read_systems(experiment: &mut Experiment, folder: &Path) -> anyhow::Result<()
         for text in system.texts_mut() {
             if let Some(path) = text.strip_prefix('@') {
                 let path = folder.join(path);
-                let read = crate::host::read_text(&path);
+                let read = swarmbench_clock::files::read_text(&path);
                 *text = read.with_context(|| format!("the system message {}", path.display()))?;
             }
         }
@@ -240,7 +259,7 @@ fn read_systems(experiment: &mut Experiment, folder: &Path) -> anyhow::Result<()
 /// Reads an experiment. The paths in it are relative to its folder.
 fn read(file: &Path) -> anyhow::Result<Experiment> {
     let shown = file.display();
-    let text = crate::host::read_text(file)
+    let text = swarmbench_clock::files::read_text(file)
         .with_context(|| format!("{shown}: name a file that describes an experiment"))?;
     let mut experiment =
         Experiment::from_toml(&text).map_err(|error| anyhow!("{shown}: {error}"))?;
@@ -254,29 +273,35 @@ fn read(file: &Path) -> anyhow::Result<Experiment> {
     Ok(experiment)
 }
 
-pub(super) async fn run(mut args: Args) -> anyhow::Result<ExitCode> {
-    args.asking.check()?;
+pub async fn run<H: Hosting + clap::Args>(args: Args<H>) -> anyhow::Result<ExitCode> {
+    let Args { asked, hosting, ending } = args;
+    evaluate(Evaluation { asked, hosting: &hosting, ending }).await
+}
+
+async fn evaluate(mut evaluation: Evaluation<'_>) -> anyhow::Result<ExitCode> {
+    evaluation.asked.asking.check()?;
     let stop = CancellationToken::new();
-    let (experiment, plan, joined) = args.plan(&stop).await?;
+    let (experiment, plan, joined) = evaluation.plan(&stop).await?;
     attempt::warn(&plan);
-    if args.dry_run {
-        args.showing.dry_run(&plan)?;
+    let Evaluation { asked, hosting, ending } = &evaluation;
+    if ending.dry_run {
+        ending.showing.dry_run(&plan)?;
         return Ok(ExitCode::SUCCESS);
     }
-    args.showing.check()?;
-    let models = args.asking.models(&experiment, &plan, &stop)?;
+    ending.showing.check()?;
+    let models = asked.asking.models(&experiment, &plan, &stop)?;
     stop_when_asked(stop.clone(), models.clone());
     let (client, hosted) = match joined {
         Some(client) => (client, None),
-        None => args.hosting.open(&stop).await?,
+        None => hosting.open(&stop).await?,
     };
     let parallel = experiment.parallel.unwrap_or(PARALLEL);
     let stop_share = experiment.stop_share.unwrap_or(STOP_SHARE);
     let conductor =
-        Conductor { client: &client, parallel, again: args.again, stop: &stop, stop_share };
+        Conductor { client: &client, parallel, again: ending.again, stop: &stop, stop_share };
     let models_at_once = experiment.models_at_once.unwrap_or(MODELS_AT_ONCE);
     let models_at_once = usize::try_from(models_at_once).unwrap_or(usize::MAX);
-    let ended = play(&conductor, &plan, &models, models_at_once, &args).await;
+    let ended = play(&conductor, &plan, &models, models_at_once, &evaluation).await;
     if let Some(hosted) = hosted {
         hosted.close().await?;
     }
@@ -289,7 +314,7 @@ async fn play(
     plan: &Plan,
     models: &[Option<Model>],
     models_at_once: usize,
-    args: &Args,
+    Evaluation { hosting, ending, .. }: &Evaluation<'_>,
 ) -> anyhow::Result<ExitCode> {
     let mut progress = Progress::new(plan, models, runs_at_once(plan, models, models_at_once) > 1);
     let mut last: BTreeMap<usize, RunDetail> = BTreeMap::new();
@@ -317,13 +342,13 @@ async fn play(
         })
         .collect();
     let is_whole = failures.is_empty() && !conductor.stop.is_cancelled();
-    if is_whole && args.verify {
+    if is_whole && ending.verify {
         verify_all(conductor.client, plan, &mut played).await?;
     }
     let report = ExperimentReport::of(plan, &played);
-    args.showing.show(plan, &report, is_whole)?;
+    ending.showing.show(plan, &report, is_whole)?;
     if is_whole {
-        args.showing.tell_more(plan, &played, &args.hosting);
+        ending.showing.tell_more(plan, &played, &hosting.place());
         return Ok(ExitCode::SUCCESS);
     }
     Ok(tell(&failures, plan, &played))
@@ -403,10 +428,10 @@ async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyh
 /// Stops on the first signal: no request begins any more, and those in flight are awaited. A second signal ends the process at
 /// once.
 fn stop_when_asked(stop: CancellationToken, models: Vec<Option<Model>>) {
-    let first = super::asked_to_stop();
+    let first = crate::stop::asked_to_stop();
     tokio::spawn(async move {
         first.await;
-        let second = super::asked_to_stop();
+        let second = crate::stop::asked_to_stop();
         stop.cancel();
         let in_flight =
             || models.iter().flatten().map(|model| model.spent().in_flight).sum::<u64>();

@@ -37,7 +37,7 @@ use swarmbench_protocol::loopback::is_loopback;
     swarmbench competition export cmp_… > cup.jsonl\n  \
     swarmbench verify --competition cup.jsonl --commitment 5f0c…"
 )]
-pub(super) struct Args {
+pub struct Args {
     #[command(subcommand)]
     command: Command,
     #[command(flatten)]
@@ -214,7 +214,7 @@ struct Declaration {
 
 const COMPETITIONS: &str = "/api/v1/competitions";
 
-pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+pub async fn run(args: Args) -> anyhow::Result<()> {
     let Args { command, server, json } = args;
     let client = &server.client().await?;
     match command {
@@ -383,7 +383,7 @@ impl Declaration {
             contact,
         } = self;
         let read = |file: PathBuf| {
-            crate::host::read_text(&file).with_context(|| format!("{}", file.display()))
+            swarmbench_clock::files::read_text(&file).with_context(|| format!("{}", file.display()))
         };
         let prompt_template = prompt_template.map(read).transpose()?;
         let agent_meta = None;

@@ -6,22 +6,19 @@ use serde::{Deserialize, Serialize};
 use swarmbench_client::client::Client;
 
 #[derive(Deserialize, Serialize)]
-pub(super) struct Page<T> {
-    pub(super) items: Vec<T>,
-    pub(super) next_cursor: Option<String>,
+pub struct Page<T> {
+    pub items: Vec<T>,
+    pub next_cursor: Option<String>,
 }
 
 impl<T> Page<T> {
-    pub(super) const fn of(items: Vec<T>) -> Self {
+    pub const fn of(items: Vec<T>) -> Self {
         Self { items, next_cursor: None }
     }
 }
 
 /// Reads all items of a list.
-pub(super) async fn all<T: DeserializeOwned>(
-    client: &Client,
-    path: &str,
-) -> anyhow::Result<Vec<T>> {
+pub async fn all<T: DeserializeOwned>(client: &Client, path: &str) -> anyhow::Result<Vec<T>> {
     let mut items = Vec::new();
     let add = |page: Page<T>| {
         items.extend(page.items);
@@ -32,7 +29,7 @@ pub(super) async fn all<T: DeserializeOwned>(
 }
 
 /// Reads a list page by page; `add` returns the cursor of the next page to read.
-pub(super) async fn pages<T: DeserializeOwned>(
+pub async fn pages<T: DeserializeOwned>(
     client: &Client,
     path: &str,
     query: &[(&str, &str)],

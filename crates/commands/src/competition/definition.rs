@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, anyhow, bail};
 
-use crate::host::{read_text, text_of};
+use swarmbench_clock::files::{read_text, text_of};
 
 /// Reads a TOML file as the JSON of the request: the same fields, and times as strings.
 pub(super) fn read(file: &Path) -> anyhow::Result<serde_json::Value> {

@@ -11,7 +11,7 @@ use swarmbench_protocol::clock::ConfirmedClock;
     after_help = "Look at `date -u` on the server's machine first: anything that a wrong clock reveals stays revealed. The server \
     requires an organizer's key: put the key into SWARMBENCH_KEY."
 )]
-pub(super) struct Args {
+pub struct Args {
     #[command(subcommand)]
     command: Command,
 }
@@ -28,7 +28,7 @@ enum Command {
     },
 }
 
-pub(super) async fn run(args: Args) -> anyhow::Result<()> {
+pub async fn run(args: Args) -> anyhow::Result<()> {
     let Command::Confirm { server, json } = args.command;
     let confirmed: ConfirmedClock =
         server.client().await?.post("/api/v1/clock/confirm", &serde_json::json!({})).await?;

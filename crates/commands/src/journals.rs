@@ -20,13 +20,13 @@ use swarmbench_replay::draw::frame::Moment;
 use tokio_util::sync::CancellationToken;
 
 use super::options::ServerArgs;
-use crate::host::open_file;
+use swarmbench_clock::files;
 
 /// Maximum bytes of a line of a journal or of a competition's file: more than all acts of a round can have.
 const LINE_BYTES_MAX: usize = 256 * 1024 * 1024;
 
 /// A reader of lines that fails on a line beyond its bound, before the line fills the memory.
-pub(super) struct Lines<R> {
+pub struct Lines<R> {
     file: R,
     /// Bytes of the current line.
     line: usize,
@@ -34,7 +34,7 @@ pub(super) struct Lines<R> {
 }
 
 impl<R> Lines<R> {
-    pub(super) const fn new(file: R) -> Self {
+    pub const fn new(file: R) -> Self {
         Self { file, line: 0, most: LINE_BYTES_MAX }
     }
 }
@@ -43,10 +43,10 @@ impl<R> Lines<R> {
 const SQLITE: &[u8] = b"SQLite format 3\0";
 
 /// Opens a file to read it line by line. A database, which has journals but is none, is refused.
-pub(super) fn open_lines(path: &Path) -> anyhow::Result<Lines<BufReader<File>>> {
+pub fn open_lines(path: &Path) -> anyhow::Result<Lines<BufReader<File>>> {
     let shown = path.display();
     let open = || {
-        let mut file = BufReader::new(open_file(path)?);
+        let mut file = BufReader::new(files::open(path)?);
         let is_database = file.fill_buf()?.starts_with(SQLITE);
         io::Result::Ok((file, is_database))
     };
@@ -87,14 +87,14 @@ impl<R: BufRead> Read for Lines<R> {
 }
 
 /// A journal that can be read repeatedly.
-pub(super) enum Journal {
+pub enum Journal {
     File(PathBuf),
     Bytes(Vec<u8>),
 }
 
 impl Journal {
     /// The file with this name, else the journal of the episode with this id.
-    pub(super) async fn find(game: &str, server: ServerArgs) -> anyhow::Result<Self> {
+    pub async fn find(game: &str, server: ServerArgs) -> anyhow::Result<Self> {
         let path = Path::new(game);
         if path.is_file() {
             return Ok(Self::File(path.to_owned()));
@@ -111,7 +111,7 @@ impl Journal {
         Ok(Self::Bytes(bytes))
     }
 
-    pub(super) fn open(&self) -> anyhow::Result<Box<dyn BufRead + '_>> {
+    pub fn open(&self) -> anyhow::Result<Box<dyn BufRead + '_>> {
         Ok(match self {
             Self::File(path) => Box::new(open_lines(path)?),
             Self::Bytes(bytes) => Box::new(bytes.as_slice()),
@@ -120,18 +120,18 @@ impl Journal {
 }
 
 /// Facts of a game that are known before its replay.
-pub(super) struct Outline {
-    pub(super) opening: Box<Opening>,
+pub struct Outline {
+    pub opening: Box<Opening>,
     /// Score after each round.
-    pub(super) scores: Vec<f64>,
+    pub scores: Vec<f64>,
     /// End of the game; `None` if it is unfinished.
-    pub(super) end: Option<Ended>,
+    pub end: Option<Ended>,
 }
 
 #[derive(Deserialize)]
-pub(super) struct Ended {
-    pub(super) status: String,
-    pub(super) reason: String,
+pub struct Ended {
+    pub status: String,
+    pub reason: String,
 }
 
 #[derive(Deserialize)]
@@ -149,7 +149,7 @@ struct Scored {
 
 impl Outline {
     /// Reads a journal without verification.
-    pub(super) fn of(journal: &Journal) -> anyhow::Result<Self> {
+    pub fn of(journal: &Journal) -> anyhow::Result<Self> {
         let mut lines = journal.open()?.lines();
         let no_journal = "this is no journal; `swarmbench verify --help` says how to get one";
         let first = lines.next().context("the journal is empty")?.context(no_journal)?;
@@ -172,7 +172,7 @@ impl Outline {
     }
 
     /// Number of the last state.
-    pub(super) fn last(&self) -> u32 {
+    pub fn last(&self) -> u32 {
         u32::try_from(self.scores.len()).unwrap_or(u32::MAX)
     }
 }
@@ -181,7 +181,7 @@ impl Outline {
 /// agent's view if `windows`. `progress` gets the number of every state.
 /// # Errors
 /// If the journal does not verify up to there, `see` fails, or `stop` is cancelled.
-pub(super) fn replay(
+pub fn replay(
     journal: &Journal,
     (last, windows): (u32, bool),
     wanted: impl Fn(u32) -> bool,
@@ -221,7 +221,7 @@ pub(super) fn replay(
 ///
 /// # Errors
 /// If the journal does not verify up to there, `see` fails, or `stop` is cancelled.
-pub(super) fn visit(
+pub fn visit(
     journal: &Journal,
     stop: &CancellationToken,
     mut see: impl FnMut(&World, &[ActRecord]) -> anyhow::Result<ControlFlow<()>>,

@@ -2,8 +2,8 @@
 
 use comfy_table::Table;
 
-use crate::cli::leaderboard::below;
-use crate::cli::output::{self, cell, mean, rank, reasons, table, total};
+use crate::boards::below;
+use crate::output::{self, cell, mean, rank, reasons, table, total};
 use swarmbench_protocol::competition::{
     AttemptSummary, Competition, CompetitionBoard, EntrantContact, EntrantSummary, InvitationCodes,
     InvitationSummary, MemberSummary, OrganizerAction,
