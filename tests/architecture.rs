@@ -279,6 +279,10 @@ fn a_client_is_built_without_a_server() {
     for server in ["swarmbench", "sqlx", "axum", "minijinja", "utoipa"] {
         assert!(!client.contains(server), "the client depends on {server}");
     }
+    let commands = tree("swarmbench-commands");
+    for server in ["swarmbench", "sqlx", "axum", "utoipa"] {
+        assert!(!commands.contains(server), "commands depend on {server}");
+    }
 }
 
 /// Names of limits in a text: literals that end as limits do. Metrics have a prefix.
@@ -336,7 +340,7 @@ fn every_metric_is_described_and_documented() {
 #[test]
 fn printing_has_one_place() {
     let mut wrong = Vec::new();
-    for file in files(&root().join("src")) {
+    for file in ["src", "crates/commands/src"].iter().flat_map(|of| files(&root().join(of))) {
         if file.ends_with("src/telemetry.rs") {
             continue;
         }
