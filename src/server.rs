@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use futures::future::FutureExt as _;
 use tokio::net::{TcpListener, TcpSocket};
 use tokio::runtime::Handle;
 use tokio::task::JoinSet;
@@ -276,22 +277,23 @@ impl Server {
                 drop(tokio::spawn(playing));
             });
         }
+        // Boxed, so that the runtime's code for tasks is compiled once for all of them.
         let mut services = JoinSet::new();
-        services.spawn(watch_clock(Arc::clone(&app.clock)));
+        services.spawn(watch_clock(Arc::clone(&app.clock)).boxed());
         if app.store.cluster().is_none() {
-            services.spawn(recover_with_retries(app.clone()));
+            services.spawn(recover_with_retries(app.clone()).boxed());
         }
-        services.spawn(advance_runs(app.clone()));
-        services.spawn(close_competitions(app.clone()));
-        services.spawn(measure_games(app.clone()));
-        services.spawn(sweep(app.clone()));
+        services.spawn(advance_runs(app.clone()).boxed());
+        services.spawn(close_competitions(app.clone()).boxed());
+        services.spawn(measure_games(app.clone()).boxed());
+        services.spawn(sweep(app.clone()).boxed());
         let trusted_proxies = app.access.trusted_proxies.clone();
         let front = Front::new(app.clone());
         // Another server forwards the requests of all its clients from one address.
         let in_cluster = Limits { connections_per_address_max: usize::MAX, ..app.limits };
         let serving_cluster = for_servers.map(|listener| {
             let front = front.for_servers();
-            tokio::spawn(serve(listener, front, in_cluster, Vec::new(), stop.clone()))
+            tokio::spawn(serve(listener, front, in_cluster, Vec::new(), stop.clone()).boxed())
         });
         let (excluded, mut outcome) = (app.store.writer().excluded().clone(), Ok(()));
         let mut clock_is_off = CancellationToken::new();
@@ -300,7 +302,7 @@ impl Server {
             let is_reachable = Arc::new(AtomicBool::new(false));
             let parts = parts(&app, cluster, &is_reachable, joining.forwards_only);
             clock_is_off = parts.clock_is_off.clone();
-            services.spawn(membership::run(Arc::new(Membership::new(parts))));
+            services.spawn(membership::run(Arc::new(Membership::new(parts))).boxed());
             tokio::select! {
                 checked = check_reachable(&app, &joining.address) => match checked {
                     Ok(()) => is_reachable.store(true, Ordering::Release),
@@ -310,7 +312,7 @@ impl Server {
             }
         }
         let serving = serve(listener, front, app.limits, trusted_proxies, stop.clone());
-        let serving = tokio::spawn(serving);
+        let serving = tokio::spawn(serving.boxed());
         if outcome.is_ok() {
             tokio::select! {
                 () = shutdown => {}

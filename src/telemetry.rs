@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::io::IsTerminal;
 use std::sync::OnceLock;
 
-use futures::future::BoxFuture;
+use futures::future::{BoxFuture, FutureExt as _};
 use metrics::{Counter, Histogram, counter, histogram};
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use metrics_process::Collector;
@@ -25,7 +25,7 @@ use crate::fair;
 
 /// Spawns a part of a request with its log span, its party and its rank.
 pub fn spawn<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> JoinHandle<T> {
-    tokio::spawn(fair::inherit(work).in_current_span())
+    tokio::spawn(fair::inherit(work).in_current_span().boxed())
 }
 
 /// The task of some work panicked, or its runtime is shut down.

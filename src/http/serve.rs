@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use axum::body::Body;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
+use futures::future::FutureExt as _;
 use hyper::Request;
 use hyper::body::Incoming;
 use hyper::service::service_fn;
@@ -96,7 +97,8 @@ pub async fn serve(
                     let (front, counted) = (front.clone(), Arc::clone(&counted));
                     async move { front.answer(request, peer, counted).await }
                 };
-                connections.spawn(connection(stream, peer, answer, timers, ending, Some(permit)));
+                connections
+                    .spawn(connection(stream, peer, answer, timers, ending, Some(permit)).boxed());
                 if limit.has_many_evicted() {
                     // The evicted connections are closed before the next one is accepted.
                     tokio::task::yield_now().await;
@@ -115,10 +117,11 @@ pub async fn serve(
                         std::future::ready(Answered { response, context: None })
                     };
                     let refused = connection(stream, peer, answer, timers, ending.clone(), None);
-                    connections.spawn(async move {
+                    let refused = async move {
                         refused.await;
                         drop(permit);
-                    });
+                    };
+                    connections.spawn(refused.boxed());
                 }
             }
         }

@@ -21,6 +21,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex as StdMutex, MutexGuard as StdMutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
+use futures::future::FutureExt as _;
 use tokio::sync::{Mutex, mpsc};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -345,7 +346,7 @@ impl Writer {
         let (queue, jobs) = mpsc::unbounded_channel();
         let state = Arc::new(WriterState::default());
         let stop = CancellationToken::new();
-        let task = tokio::spawn(run(group, jobs, Arc::clone(&state), stop.clone()));
+        let task = tokio::spawn(run(group, jobs, Arc::clone(&state), stop.clone()).boxed());
         Self { queue, state, stop, task: Arc::new(Mutex::new(Some(task))) }
     }
 
