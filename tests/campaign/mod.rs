@@ -75,6 +75,11 @@ pub(crate) fn tests() -> Vec<Trial> {
             refusals::a_server_that_does_not_fit_says_why_and_ends,
         ),
         test(
+            "cluster::a_dead_server_at_the_address_of_another_keeps_nobody_out",
+            on_postgres,
+            refusals::a_dead_server_at_the_address_of_another_keeps_nobody_out,
+        ),
+        test(
             "cluster::a_server_with_a_wrong_clock_does_not_join",
             on_postgres,
             refusals::a_server_with_a_wrong_clock_does_not_join,

@@ -6,7 +6,7 @@ use rstest::rstest;
 use serde_json::{Value, json};
 
 use crate::app::mcp::{observed, read, request, result, tool_call, tool_error};
-use crate::app::{Call, Episode, TestApp, game, list, texts, verified};
+use crate::app::{Call, Episode, TestApp, game, list, texts, until, verified};
 
 /// The other agent acts.
 async fn other_acts(app: &TestApp, episode: &Episode, round: u64) {
@@ -375,7 +375,7 @@ async fn a_client_that_hangs_up_waits_no_more() {
     let call = |wait: f64| app.mcp(&tool_call("look", &json!({ "wait_s": wait }))).token(token);
     // It waits, and is counted as every request that waits.
     let mut waiting = tokio::spawn(call(45.0).send());
-    until(async || {
+    until("the request is known", async || {
         if waiting.is_finished() {
             // The other one waited at that moment.
             waiting = tokio::spawn(call(45.0).send());
@@ -385,16 +385,8 @@ async fn a_client_that_hangs_up_waits_no_more() {
     })
     .await;
     waiting.abort();
-    until(async || result(&call(0.001).send().await)["isError"] == false).await;
-}
-
-async fn until(mut is_so: impl AsyncFnMut() -> bool) {
-    for _ in 0..10_000 {
-        if is_so().await {
-            return;
-        }
-    }
-    panic!("it never is");
+    until("its place is free", async || result(&call(0.001).send().await)["isError"] == false)
+        .await;
 }
 
 #[tokio::test]

@@ -16,8 +16,8 @@ use super::super::error::{ApiError, Code};
 use super::super::prelude::*;
 use super::links::{Failed, OF_A_SERVER, Question};
 use super::{Forwarder, Other, Sending, Way, elsewhere, is_elsewhere};
-use crate::cluster::Incarnation;
 use crate::cluster::route::{End, Route, Sender, Sent, Target, View as _, follow};
+use crate::cluster::{Incarnation, ServerRow};
 use crate::ids::{Place, RoutingName, RunKey};
 use crate::run::manager::Peers;
 use crate::run::{RunError, RunStatus};
@@ -34,6 +34,13 @@ const ASK_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Timeout of a request for a server's identity.
 const HELLO_PATIENCE: Duration = Duration::from_secs(3);
+
+/// Attempts of the other servers to reach this one, and the pause after each: a busy server is late with its answer.
+const REACH_ATTEMPTS: u32 = 3;
+const REACH_PAUSE: Duration = Duration::from_secs(1);
+
+/// Servers that are asked for it in an attempt: one that is not reached takes seconds.
+const REACH_ASKED_MAX: usize = 3;
 
 fn question(method: Method, path: &str) -> Option<Question> {
     Some(Question::bare(method, path.parse().ok()?))
@@ -126,28 +133,46 @@ impl Forwarder {
         if self.hello(&own).await.ok_or_else(nobody)?.incarnation != me {
             return Err(other());
         }
-        let Ok(seen) = self.cluster.snapshot().await else { return Ok(()) };
-        let mut servers = seen.servers.iter();
-        let one = servers.find(|row| row.incarnation != me && row.is_ready);
-        let Some(one) = one else { return Ok(()) };
+        let mut refused = None;
+        for _ in 0..REACH_ATTEMPTS {
+            let Ok(seen) = self.cluster.snapshot().await else { return Ok(()) };
+            let others = seen.servers.iter().filter(|row| row.incarnation != me && row.is_ready);
+            refused = None;
+            for one in others.take(REACH_ASKED_MAX) {
+                match self.is_reached_from(one, address).await {
+                    Some(true) => return Ok(()),
+                    Some(false) => refused = Some(one.address.clone()),
+                    None => {}
+                }
+            }
+            if refused.is_none() {
+                return Ok(());
+            }
+            tokio::time::sleep(REACH_PAUSE).await;
+        }
+        let Some(one) = refused else { return Ok(()) };
+        Err(format!(
+            "{address}, where the other servers are to reach this one, is not reached from {one}: name an address that all of them \
+             reach with --cluster-address"
+        ))
+    }
+
+    /// Whether another server reaches this one at `address`; `None` where that one is not reached, which is no fault of the address.
+    async fn is_reached_from(&self, one: &ServerRow, address: &str) -> Option<bool> {
         let at = Other { incarnation: one.incarnation, address: one.address.clone() };
-        let path = format!("{PATH}reach/{me}/{address}");
+        let path = format!("{PATH}reach/{}/{address}", self.cluster.incarnation());
         let asked =
             tokio::time::timeout(HELLO_PATIENCE * 2, self.ask_at(Method::POST, &path, &at)).await;
         match asked {
-            Ok(Some(response)) if response.status().is_success() => Ok(()),
-            Ok(Some(_)) => Err(format!(
-                "{address}, where the other servers are to reach this one, is not reached from {}: name an address that all of them \
-                 reach with --cluster-address",
-                one.address
-            )),
-            // The other server is unreachable, which is no fault of this one's address.
+            // The row is that of a dead server, after which another one was started at its address.
+            Ok(Some(response)) if is_elsewhere(&response) => None,
+            Ok(Some(response)) => Some(response.status().is_success()),
             Ok(None) | Err(_) => {
                 tracing::warn!(
                     server = one.address,
                     "another server cannot be reached from this one"
                 );
-                Ok(())
+                None
             }
         }
     }

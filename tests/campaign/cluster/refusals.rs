@@ -114,6 +114,26 @@ pub(crate) async fn a_server_that_does_not_fit_says_why_and_ends() {
     assert_eq!(status.code(), Some(0), "{log:#?}");
 }
 
+/// As after all servers were killed and started again: the row of a dead server has the address of a living one.
+pub(crate) async fn a_dead_server_at_the_address_of_another_keeps_nobody_out() {
+    let cluster = two().await;
+    let (secret, own) = (cluster.secret(), format!("127.0.0.1:{}", free_port()));
+    let mut other = cluster.scratch.connect().await;
+    for statement in [
+        "INSERT INTO nodes (incarnation, name, started_at) OVERRIDING SYSTEM VALUE VALUES (0, 'dead', 0)",
+        "INSERT INTO members (incarnation, slot, address, version, beat_at, is_ready, seen)
+         SELECT 0, 1000, address, version, now_ms(), true, seen FROM members ORDER BY incarnation LIMIT 1",
+    ] {
+        sqlx::query(statement).execute(&mut other).await.expect("the row of a dead server");
+    }
+    let site = Site::at(cluster.scratch.url().to_owned());
+    let options = ["--cluster-address", &own, "--cluster-secret-file", &secret];
+    let mut server = site.start_by(Command::new(program()), &options);
+    server.ready().await;
+    let (status, _, log) = server.terminate().await;
+    assert_eq!(status.code(), Some(0), "{log:#?}");
+}
+
 #[cfg(target_os = "linux")]
 pub(crate) async fn a_server_with_a_wrong_clock_does_not_join() {
     let mut cluster = two().await;

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use crate::app::{Episode, TestApp, number};
+use crate::app::{Episode, TestApp, number, until};
 
 fn request(deadline: u32, bank: u32) -> Value {
     json!({
@@ -29,12 +29,8 @@ async fn left(app: &TestApp, episode: &Episode, seat: usize) -> (u64, u64) {
 
 /// Asks until the clock of a seat is known to have run out in the open round.
 async fn until_acted(app: &TestApp, episode: &Episode, seat: usize) {
-    for _ in 0..10_000 {
-        if app.obs(episode.seat(seat)).await["acted"] == true {
-            return;
-        }
-    }
-    panic!("the clock does not run out");
+    let acted = async || app.obs(episode.seat(seat)).await["acted"] == true;
+    until("the clock runs out", acted).await;
 }
 
 /// The acts of a round in the journal.
@@ -195,12 +191,8 @@ async fn clocks_go_on_after_a_restart_without_a_request() {
     app.restart().await;
     app.pass(seconds(10));
     // The list reads the database alone and wakes no episode up.
-    for _ in 0..10_000 {
-        if app.get("/api/v1/episodes").ok().await["items"][0]["round"] == 1 {
-            return;
-        }
-    }
-    panic!("the clock stands still");
+    let goes_on = async || app.get("/api/v1/episodes").ok().await["items"][0]["round"] == 1;
+    until("the clock goes on", goes_on).await;
 }
 
 mod idle {

@@ -29,7 +29,7 @@ use swarmbench_journal::replay::verify;
 use super::golden::games;
 use crate::agent::readers::rehashed;
 use crate::app::program::{printed, swarmbench};
-use crate::app::{Call, Episode, TestApp, list};
+use crate::app::{Call, Episode, TestApp, list, until};
 use crate::cup::{Attempt, Cup, Entrant};
 
 mod attacks;
@@ -274,11 +274,7 @@ async fn without_keys(app: &TestApp, facts: &mut Facts) {
     }
     let hosted = app.post(runs).json(&run("hosted", json!("default"))).ok().await;
     let path = format!("{runs}/{}", text(&hosted["id"]));
-    for _ in 0..10_000 {
-        if app.get(&path).ok().await["status"] == "finished" {
-            break;
-        }
-    }
+    until("the run ends", async || app.get(&path).ok().await["status"] == "finished").await;
     let aborted = app.post(runs).json(&run("aborted", Value::Null)).ok().await;
     let (id, token) = (text(&aborted["id"]), text(&aborted["swarm_token"]));
     app.delete(&format!("{runs}/{id}")).token(&token).ok().await;

@@ -6,7 +6,7 @@ use rstest::rstest;
 use serde_json::{Value, json};
 
 use super::{act, commanded, two_agents};
-use crate::app::{TestApp, list, number};
+use crate::app::{TestApp, list, number, until};
 
 #[rstest]
 #[case("Transport", None)]
@@ -203,12 +203,7 @@ async fn a_client_that_hangs_up_waits_no_more() {
         }
     }
     waiting.abort();
-    for _ in 0..10_000 {
-        if ask("0.001").send().await.status == 200 {
-            return;
-        }
-    }
-    panic!("it waits for nobody");
+    until("its place is free", async || ask("0.001").send().await.status == 200).await;
 }
 
 /// More than servers pass on together.

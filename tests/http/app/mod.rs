@@ -9,7 +9,7 @@ pub(crate) mod raw;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use reqwest::{Client, Method};
 use serde_json::Value;
@@ -144,7 +144,16 @@ struct OneServer {
     task: JoinHandle<Result<(), StartError>>,
 }
 
-/// Pause between two questions to a server that starts. A test that asks without one keeps the processors busy, and schedulers with a
+/// Asks until it is so, at most for [`PATIENCE`]: how often a server is asked meanwhile depends on what else runs on the machine.
+pub(crate) async fn until(what: &str, mut is_so: impl AsyncFnMut() -> bool) {
+    let began = Instant::now();
+    while !is_so().await {
+        assert!(began.elapsed() < PATIENCE, "never: {what}");
+        pause().await;
+    }
+}
+
+/// Pause between two questions that wait for the same thing. A test that asks without one keeps the processors busy, and schedulers with a
 /// group per session (each process of PostgreSQL is one) were seen to let the database wait for 20 s meanwhile.
 async fn pause() {
     tokio::time::sleep(Duration::from_millis(2)).await;

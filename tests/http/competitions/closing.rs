@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
-use crate::app::{TestApp, number, texts};
+use crate::app::{TestApp, number, texts, until};
 use crate::cup::{Attempt, Cup, pass_minutes, server};
 
 /// A cup in which one game of four rounds is open at a time.
@@ -130,11 +130,7 @@ async fn the_window_of_an_attempt_closes_as_the_competition_does() {
     let attempt = cup.start(&app, &blue).await;
     app.pass(Duration::from_mins(10));
     // The clock of the first round has run out, after the closing time.
-    for _ in 0..10_000 {
-        if attempt.look(&app).await["finished"] == true {
-            break;
-        }
-    }
+    until("it ends", async || attempt.look(&app).await["finished"] == true).await;
     assert_eq!(games(&app, &attempt).await, [("closed".to_owned(), 1)]);
     let own = app.get(&cup.path("/attempts")).token(&blue.key).ok().await;
     assert_eq!(own["items"][0]["status"], "closed");
