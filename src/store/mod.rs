@@ -35,7 +35,7 @@ pub use postgres::cluster::{Beat, Cluster, ClusterSnapshot, JoinError, Joining};
 pub use postgres::session::SessionError;
 use readers::ReaderOptions;
 pub use readers::{patiently, patiently_blocking};
-use sql::{Connection, FromRow, Statement, query};
+use sql::{Connection, FromRow, SqlRow, Statement, query};
 use sqlite::SQLITE_VERSION_MIN;
 pub use sqlite::backup;
 pub use sqlite::files::Lost;
@@ -247,18 +247,28 @@ impl Store {
     }
 
     async fn fetch_all<T: FromRow>(&self, query: Statement<'_>) -> Result<Vec<T>, StoreError> {
-        Ok(query.all(&mut *self.read().await?).await?)
+        Ok(self.rows(query).await?.iter().map(T::from_row).collect::<Result<_, _>>()?)
     }
 
     async fn fetch_one<T: FromRow>(&self, query: Statement<'_>) -> Result<T, StoreError> {
-        Ok(query.one(&mut *self.read().await?).await?)
+        let row = self.row(query).await?.ok_or(sqlx::Error::RowNotFound)?;
+        Ok(T::from_row(&row)?)
     }
 
     async fn fetch_optional<T: FromRow>(
         &self,
         query: Statement<'_>,
     ) -> Result<Option<T>, StoreError> {
-        Ok(query.optional(&mut *self.read().await?).await?)
+        Ok(self.row(query).await?.as_ref().map(T::from_row).transpose()?)
+    }
+
+    /// Rows of a query: not yet of a type, so that the way to them is compiled once.
+    async fn rows(&self, query: Statement<'_>) -> Result<Vec<SqlRow>, StoreError> {
+        Ok(query.fetch_all(&mut *self.read().await?).await?)
+    }
+
+    async fn row(&self, query: Statement<'_>) -> Result<Option<SqlRow>, StoreError> {
+        Ok(query.fetch_optional(&mut *self.read().await?).await?)
     }
 
     /// Queues entries; see [`EpisodeStore::append`](port::EpisodeStore::append).
