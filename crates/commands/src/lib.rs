@@ -1,6 +1,6 @@
 //! The commands that a person gives to a server from any machine: they need its address, and neither its database nor its code.
 //!
-//! The crate is separate because nobody waits for a command as games wait for a round: it is compiled for size. The server's program
+//! The crate is separate because nobody waits for a command as games wait for a round: it is compiled with fewer optimisations. The server's program
 //! has further commands, which open a database or run a server.
 //!
 //! - [`eval`], [`play`], [`mcp`]: players. [`replay`]: one game as a film, a picture or a page.
