@@ -1,12 +1,12 @@
 //! The commands that a person gives to a server from any machine: they need its address, and neither its database nor its code.
 //!
-//! The crate is separate because nobody waits for a command as games wait for a round: it is compiled with fewer optimisations. The server's program
-//! has further commands, which open a database or run a server.
+//! The crate is separate because nobody waits for a command as games wait for a round: it is compiled with fewer optimisations. The
+//! server's program has further commands, which open a database or run a server.
 //!
 //! - [`eval`], [`play`], [`mcp`]: players. [`replay`]: one game as a film, a picture or a page.
 //! - [`competition`], [`audit`], [`clock`], [`healthcheck`]: what organizers and operators ask of a server.
-//! - [`boards`], [`journals`], [`pages`], [`options`], [`output`], [`stop`]: what several commands share, those of the server's program
-//!   among them.
+//! - [`boards`], [`journals`], [`pages`], [`options`], [`output`], [`stop`]: what several commands share, those of the server's
+//!   program among them.
 
 #![expect(
     missing_docs,
