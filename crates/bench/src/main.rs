@@ -59,7 +59,7 @@ fn main() -> ExitCode {
 }
 
 fn with_runtime(work: impl Future<Output = anyhow::Result<()>>) -> anyhow::Result<ExitCode> {
-    // Nobody else in this process chooses one.
+    // The provider of TLS, which reqwest asks for though no connection here has TLS.
     drop(rustls::crypto::ring::default_provider().install_default());
     let mut runtime = tokio::runtime::Builder::new_multi_thread();
     let stack = swarmbench::work::STACK_BYTES;

@@ -174,7 +174,7 @@ impl Answer {
     }
 }
 
-/// What a request has beside its method and its path. It is no type parameter, so that requests are compiled once for all of them.
+/// Function that adds headers, query and body to a request. It is no type parameter, so that requests are compiled once.
 type Fill<'a> = &'a (dyn Fn(RequestBuilder) -> RequestBuilder + Sync);
 
 /// Client of one server. Clones share its connections.

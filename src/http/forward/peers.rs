@@ -133,28 +133,31 @@ impl Forwarder {
         if self.hello(&own).await.ok_or_else(nobody)?.incarnation != me {
             return Err(other());
         }
-        let mut refused = None;
-        for _ in 0..REACH_ATTEMPTS {
-            let Ok(seen) = self.cluster.snapshot().await else { return Ok(()) };
-            let others = seen.servers.iter().filter(|row| row.incarnation != me && row.is_ready);
-            refused = None;
-            for one in others.take(REACH_ASKED_MAX) {
-                match self.is_reached_from(one, address).await {
-                    Some(true) => return Ok(()),
-                    Some(false) => refused = Some(one.address.clone()),
-                    None => {}
-                }
+        let mut attempts = 1;
+        while let Some(one) = self.not_reached_from(address).await {
+            if attempts == REACH_ATTEMPTS {
+                return Err(format!(
+                    "{address}, where the other servers are to reach this one, is not reached from {one}: name an address that all of \
+                     them reach with --cluster-address"
+                ));
             }
-            if refused.is_none() {
-                return Ok(());
-            }
+            attempts += 1;
             tokio::time::sleep(REACH_PAUSE).await;
         }
-        let Some(one) = refused else { return Ok(()) };
-        Err(format!(
-            "{address}, where the other servers are to reach this one, is not reached from {one}: name an address that all of them \
-             reach with --cluster-address"
-        ))
+        Ok(())
+    }
+
+    /// Address of the first other server that can tell, if it does not reach this one at `address`.
+    async fn not_reached_from(&self, address: &str) -> Option<String> {
+        let seen = self.cluster.snapshot().await.ok()?;
+        let me = self.cluster.incarnation();
+        let others = seen.servers.iter().filter(|row| row.incarnation != me && row.is_ready);
+        for one in others.take(REACH_ASKED_MAX) {
+            if let Some(is_reached) = self.is_reached_from(one, address).await {
+                return (!is_reached).then(|| one.address.clone());
+            }
+        }
+        None
     }
 
     /// Whether another server reaches this one at `address`; `None` where that one is not reached, which is no fault of the address.

@@ -114,7 +114,7 @@ pub(crate) async fn a_server_that_does_not_fit_says_why_and_ends() {
     assert_eq!(status.code(), Some(0), "{log:#?}");
 }
 
-/// As after all servers were killed and started again: the row of a dead server has the address of a living one.
+/// Row of a dead server with the address of a living one, as after all servers were killed and started again.
 pub(crate) async fn a_dead_server_at_the_address_of_another_keeps_nobody_out() {
     let cluster = two().await;
     let (secret, own) = (cluster.secret(), format!("127.0.0.1:{}", free_port()));

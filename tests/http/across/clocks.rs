@@ -192,7 +192,7 @@ async fn clocks_go_on_after_a_restart_without_a_request() {
     app.pass(seconds(10));
     // The list reads the database alone and wakes no episode up.
     let goes_on = async || app.get("/api/v1/episodes").ok().await["items"][0]["round"] == 1;
-    until("the clock goes on", goes_on).await;
+    until("the round ends by its clock", goes_on).await;
 }
 
 mod idle {
