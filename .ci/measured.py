@@ -345,8 +345,9 @@ play. [The campaign](../develop/campaign.md) says what must hold."""),
     "cluster": Page("A cluster beside one server", ".ci/measure cluster", """\
 One server, and a cluster of three that share one PostgreSQL, all behind haproxy; games of 12 seats, of which each acts by `/act`,
 as the load test's [client](../operate/load.md#what-is-measured) does. Clients, load balancer, servers and PostgreSQL share the
-processors, so more servers cannot be faster than one. Medians of several turns; a ratio is of one turn. *Forwarded* is the
-share of the requests of players that a server sent on to the one that plays."""),
+processors, so more servers cannot be faster than one; the three have [one thread each](../operate/cluster.md#start) for rounds.
+Medians of several turns; a ratio is of one turn. *Forwarded* is the share of the requests of players that a server sent on to
+the one that plays."""),
     "competition": Page(
         "A competition of a million attempts", ".ci/measure competition", "[The load test](../operate/load.md#large-databases) says what is measured.", [
         ("Its pages while games end", "competition", competition),
