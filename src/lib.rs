@@ -27,6 +27,7 @@
 #[macro_use]
 extern crate swarmbench_terminal;
 
+pub mod appraisal;
 pub mod budget;
 #[cfg(feature = "cli")]
 pub mod cli;

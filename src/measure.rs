@@ -96,6 +96,19 @@ pub fn series(
     }
 }
 
+/// The state of an episode before its first round, from its opening.
+pub fn layout_of(stored: &StoredEpisode) -> Result<Arc<World>, RecoveryError> {
+    let broken = |problem| RecoveryError::Broken { episode: stored.id.to_string(), problem };
+    match stored.opening.read() {
+        Ok(Record::Opening(opening)) => {
+            let config = opening.config.engine().map_err(|error| broken(error.to_string()))?;
+            Ok(Arc::new(World::new(Arc::new(config))))
+        }
+        Ok(_) => Err(broken("its first record is not an opening".to_owned())),
+        Err(error) => Err(broken(error.to_string())),
+    }
+}
+
 /// Replays an episode up to round `to` and measures it.
 pub async fn measure(
     host: &Host,
@@ -104,16 +117,8 @@ pub async fn measure(
     series: bool,
     party: Party,
 ) -> Result<Metrics, RecoveryError> {
-    let broken = |problem| RecoveryError::Broken { episode: stored.id.to_string(), problem };
-    let config = match stored.opening.read() {
-        Ok(Record::Opening(opening)) => {
-            opening.config.engine().map_err(|error| broken(error.to_string()))?
-        }
-        Ok(_) => return Err(broken("its first record is not an opening".to_owned())),
-        Err(error) => return Err(broken(error.to_string())),
-    };
-    let micros = MICROS_OF_AN_AGENT * u64::from(config.num_agents());
-    let layout = Arc::new(World::new(Arc::new(config)));
+    let layout = layout_of(stored)?;
+    let micros = MICROS_OF_AN_AGENT * u64::from(layout.config().num_agents());
     let meter = Meter::new(Setup::of(&layout), State::of(&layout), Options::all(series));
     let rounds = Rounds {
         id: &stored.id,

@@ -13,11 +13,16 @@ const RENDER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time that a request waits for a permit to replay an earlier round.
 const REPLAY_TIMEOUT: Duration = Duration::from_secs(10);
 
+/// Time that a request waits for a permit to compute a worth.
+const WORTH_TIMEOUT: Duration = Duration::from_secs(30);
+
 pub(super) struct Heavy {
     workers: Workers,
     large_answers: FairLimit,
     /// Permits for replays, each of which may use as much memory as the texts of several rounds.
     replays: FairLimit,
+    /// Permits for worths, each of which may occupy a worker thread for a minute.
+    worths: FairLimit,
 }
 
 impl Heavy {
@@ -26,6 +31,7 @@ impl Heavy {
         let shares = Shares { slots_per_member: 1, ..Shares::halved(limits.heavy_at_once_max) };
         Self {
             workers,
+            worths: FairLimit::heavy(shares, WORTH_TIMEOUT),
             large_answers: FairLimit::heavy(shares, RENDER_TIMEOUT),
             replays: FairLimit::replays(limits.replays_max, REPLAY_TIMEOUT),
         }
@@ -55,6 +61,11 @@ impl Heavy {
     /// A permit for a large response, if one is free at once.
     pub(super) fn large_answer_at_once(&self) -> Option<Permit> {
         self.large_answers.acquire_at_once(Party::current(), Rank::Normal)
+    }
+
+    pub(super) async fn worth(&self) -> Result<Permit, ApiError> {
+        let detail = "too many worths are being computed; try again later";
+        permit(&self.worths, detail).await
     }
 
     pub(super) async fn replay(&self) -> Result<Permit, ApiError> {

@@ -29,6 +29,8 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(episodes::events::stream_events))
         .routes(routes!(episodes::journal::read_journal))
         .routes(routes!(episodes::metrics::show_episode_metrics))
+        .routes(routes!(episodes::worth::show_episode_worth))
+        .routes(routes!(episodes::worth::show_reference_line))
         .routes(routes!(episodes::replay::show_replay))
         .routes(routes!(episodes::agent::show_agent_round))
         .routes(routes!(episodes::scores::show_scores))

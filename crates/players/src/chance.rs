@@ -7,6 +7,7 @@ use swarmbench_engine::Direction;
 use crate::Seat;
 
 /// A generator of random choices.
+#[derive(Clone)]
 pub(crate) struct Chance(ChaCha8Rng);
 
 impl Chance {

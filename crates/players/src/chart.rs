@@ -13,6 +13,7 @@ use crate::Seat;
 const FAR: i32 = 8;
 
 /// The last sighting of every cell of the map.
+#[derive(Clone)]
 pub(crate) struct Chart {
     height: i32,
     width: i32,

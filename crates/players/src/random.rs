@@ -12,6 +12,7 @@ pub(crate) const PLAYER: BuiltIn = BuiltIn {
     make,
 };
 
+#[derive(Clone)]
 struct Random {
     chance: Chance,
     actions: &'static [Action],

@@ -43,6 +43,7 @@ pub mod status;
 pub mod suite;
 pub mod table;
 pub mod time;
+pub mod worth;
 
 use serde::{Deserialize, Serialize};
 use swarmbench_engine::Pos;

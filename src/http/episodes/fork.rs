@@ -60,7 +60,7 @@ pub(in super::super) async fn fork_episode(
     request: Unread,
 ) -> Result<Response, ApiError> {
     let creator = caller.creator(&app, client)?;
-    let (stored, parent, parents) = app.forkable(&caller, id).await?;
+    let (stored, parent, parents) = app.forkable(&caller, id, "it can be forked").await?;
     let (request, body) = request.read::<ForkRequest>(&app).await?;
     let named = [b"fork ", stored.id.as_str().as_bytes(), b" ", body.as_ref()].concat();
     let idempotency = idempotency(&headers, creator.0.owner(), named, &app.limits)?;
@@ -82,25 +82,26 @@ pub(in super::super) async fn fork_episode(
 }
 
 impl App {
-    /// An episode that the caller may fork now, with the permit to show its seed.
-    async fn forkable(
+    /// An episode that the caller may fork now, with the permit to show its seed. A refusal says when `it` is possible.
+    pub(super) async fn forkable(
         &self,
         caller: &Caller,
         id: String,
+        it: &str,
     ) -> Result<(StoredEpisode, Spec, SeedPermit), ApiError> {
         let (stored, spec) = self.known_episode(caller, id).await?;
         let permit = self.open_permit_of_game(caller, &stored, &spec);
         let is_over = stored.ended_at.is_some();
         let detail = match spec.visibility {
             Visibility::Sealed if !stored.revealed => {
-                "this game is sealed: it can be forked once its competition is revealed"
+                format!("this game is sealed: {it} once its competition is revealed")
             }
             _ if spec.is_mixed() && !is_over => {
-                "this episode has several seat holders: it can be forked after its end"
+                format!("this episode has several seat holders: {it} after its end")
             }
-            _ if !permit.is_granted() => {
-                "a fork contains all that was played before: until the end of this episode only its creator may fork it"
-            }
+            _ if !permit.is_granted() => format!(
+                "all that was played, and its seed, are in what this shows: until the end of this episode {it} only by its creator"
+            ),
             _ => return Ok((stored, spec, permit)),
         };
         Err(ApiError::new(Code::Forbidden, detail))

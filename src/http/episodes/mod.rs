@@ -17,6 +17,7 @@ pub(super) mod start;
 pub(super) mod state;
 pub(super) mod verification;
 pub(super) mod void;
+pub(super) mod worth;
 
 use super::App;
 use super::auth::{Caller, Opened, Subject};

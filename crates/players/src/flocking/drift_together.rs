@@ -7,6 +7,7 @@ use crate::chart::sight;
 use crate::{Player, Seat};
 
 /// Steps toward the middle of the agents in view, and at random if it sees none or stands there.
+#[derive(Clone)]
 struct DriftTogether {
     chance: Chance,
 }

@@ -13,6 +13,7 @@ const NEWS: &str = "Square around";
 
 /// The first agent centers the square on the cell where it stands in the first round. Agents that know the place send
 /// it; the others wander until they receive it.
+#[derive(Clone)]
 struct FollowTheLeader {
     seat: Seat,
     chance: Chance,

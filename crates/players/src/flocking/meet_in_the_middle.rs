@@ -9,6 +9,7 @@ use crate::{Player, Seat};
 
 /// Every agent knows the square and the size of the map, so all agree without messages that the outline lies in the
 /// middle.
+#[derive(Clone)]
 struct MeetInTheMiddle {
     chance: Chance,
     chart: Chart,

@@ -21,6 +21,7 @@ const CROWD: u32 = 5;
 const FAR: i32 = 20;
 
 /// The outline of the square that the swarm is to form, at some place.
+#[derive(Clone)]
 pub(super) struct Outline {
     /// All cells; a cell that no agent can reach is replaced by the nearest reachable one.
     cells: BTreeSet<Pos>,

@@ -7,6 +7,7 @@ use crate::{Player, Seat};
 
 /// Every agent has a cell of its own on the outline in the middle of the map, by its number, and walks there:
 /// rows first in even rounds and columns first in odd ones.
+#[derive(Clone)]
 struct WalkToOwnCell {
     goal: Option<Pos>,
 }

@@ -16,6 +16,7 @@ const PATIENCE_ROUNDS: u32 = 3;
 
 /// Draws a map of all it sees, explores until it knows where to go, then walks to the food when it is empty and to the
 /// nest when it is loaded. It may send the places of both.
+#[derive(Clone)]
 struct MapAndCarry {
     chance: Chance,
     chart: Chart,

@@ -20,6 +20,7 @@ const NEWS: &str = "Food and nest at";
 
 /// Knows all maps that the rules can lay out, so a few sightings or messages identify the map. Loaded agents keep to
 /// one lane and empty ones to another, and every agent foresees where the agents in view go.
+#[derive(Clone)]
 struct OneWayLoop {
     seat: Seat,
     chance: Chance,

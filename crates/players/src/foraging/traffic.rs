@@ -23,6 +23,7 @@ const ONCOMING: i32 = 4;
 const NOBODY: usize = usize::MAX;
 
 /// The part of a map around an agent. Cells are identified by their index here.
+#[derive(Clone)]
 pub(super) struct Roads {
     middle: Pos,
     origin: Pos,

@@ -8,6 +8,7 @@ use crate::{Player, Seat};
 
 /// Steps toward the nearest visible food when empty, and toward the nearest visible nest when loaded; otherwise at
 /// random.
+#[derive(Clone)]
 struct WanderAndCarry {
     chance: Chance,
 }

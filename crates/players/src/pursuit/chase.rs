@@ -7,6 +7,7 @@ use crate::chart::{push, sight};
 use crate::{Player, Seat};
 
 /// Steps toward a visible prey, stays if it stands beside it, and wanders otherwise.
+#[derive(Clone)]
 struct Chase {
     chance: Chance,
 }

@@ -17,6 +17,7 @@ const CROWD: u32 = 4;
 
 /// Walks to the nearest free cell beside the prey while it knows where the prey is, and sends that place. Otherwise it
 /// goes back to its post; the posts are spread evenly over the map, so that some agent sees the prey wherever it flees.
+#[derive(Clone)]
 struct CloseIn {
     chance: Chance,
     chart: Chart,

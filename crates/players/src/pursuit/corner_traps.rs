@@ -29,6 +29,7 @@ const STUBBORN: u32 = 3;
 /// positions, which messages and its view correct, and computes the joint plan of the round from it: agents that can
 /// catch the prey at once do, all others go to their posts. The posts close off some cells, where new preys then
 /// appear. A prey outside runs into a net by itself, or some agents leave their posts and take a stance around it.
+#[derive(Clone)]
 struct CornerTraps {
     agent: usize,
     rules: RuleSet,

@@ -147,6 +147,7 @@ const CLOSED: &[((u16, u16, u16), &str)] = &[
 ];
 
 /// All nets for a game.
+#[derive(Clone)]
 pub(super) struct Nets {
     even: Vec<Vec<Pos>>,
     odd: Vec<Vec<Pos>>,

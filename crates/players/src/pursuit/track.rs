@@ -16,6 +16,7 @@ const CROWD: u32 = 4;
 
 /// Walks to the nearest free cell beside the last sighting of the prey. If that is long ago, walks from one random
 /// place of the map to another until it sees the prey again.
+#[derive(Clone)]
 struct Track {
     chance: Chance,
     chart: Chart,

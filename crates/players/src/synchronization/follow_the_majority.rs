@@ -8,6 +8,7 @@ use crate::{Player, Seat};
 /// Walks to the middle. There it switches if all lights in view are like its own, and otherwise follows the majority.
 /// Once all agree they stay in step, as every agent sees only agreement; until then, agents that happen to see
 /// agreement switch too early.
+#[derive(Clone)]
 struct FollowTheMajority {
     seat: Seat,
 }

@@ -13,6 +13,7 @@ const MESSAGES_MAX: usize = 64;
 /// state of its light. An agent that hears the beat of a lower number adopts it. So the beat of the lowest number
 /// spreads two cells a round, and from then on no agent has to hear or see anything: each counts by itself. The number
 /// of the round is not used. An agent that has not heard the lowest number goes to the middle.
+#[derive(Clone)]
 struct PassTheBeat {
     seat: Seat,
     /// The agent whose beat it follows.

@@ -6,6 +6,7 @@ use crate::{Player, Seat};
 
 /// Uses the number of the round as a clock that all agents share: all lights are on after even rounds and off after odd
 /// ones. No messages are needed, and every round scores.
+#[derive(Clone)]
 pub(crate) struct RoundClock;
 
 /// Makes the player.

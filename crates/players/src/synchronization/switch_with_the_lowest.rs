@@ -8,6 +8,7 @@ use crate::{Player, Seat};
 /// Walks to the middle. There its light becomes the opposite of the light of the lowest number in view, itself
 /// included. That agent does the same with a lower number, and the lowest of all switches every round. So every agent
 /// whose chain of lowest numbers ends there is in step with it.
+#[derive(Clone)]
 struct SwitchWithTheLowest {
     seat: Seat,
 }

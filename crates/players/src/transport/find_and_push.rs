@@ -13,6 +13,7 @@ const CROWD: u32 = 1;
 
 /// Remembers the map and drops every exit that does not fit its view. Once it knows the true one it goes to the nearest
 /// free cell behind the block, as all others do: they push the block free together, then walk around it to push it out.
+#[derive(Clone)]
 struct FindAndPush {
     chance: Chance,
     chart: Chart,

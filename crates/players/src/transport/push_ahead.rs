@@ -12,6 +12,7 @@ const WHIM_ROUNDS: u32 = 8;
 
 /// Uses only the current view: leaves if it stands in the gap or beside it, goes to a visible block and pushes it, and
 /// wanders if it sees neither.
+#[derive(Clone)]
 struct PushAhead {
     chance: Chance,
     seat: Seat,

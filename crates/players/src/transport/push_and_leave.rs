@@ -34,6 +34,7 @@ const PATIENCE_ROUNDS: u32 = 12;
 const ASIDE_ROUNDS: u32 = 6;
 
 /// Passes on its knowledge of the gap and the other agents, and finds its own place in the plan.
+#[derive(Clone)]
 struct PushAndLeave {
     chance: Chance,
     chart: Chart,

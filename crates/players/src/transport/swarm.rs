@@ -15,6 +15,7 @@ const AGE_MAX: u32 = 6;
 const MESSAGES_MAX: usize = 32;
 
 /// The last sighting of every agent.
+#[derive(Clone)]
 pub(super) struct Swarm {
     height: i64,
     width: i64,

@@ -1,0 +1,210 @@
+//! Worth against plain rollouts, and what follows from its definition.
+
+use std::sync::Arc;
+
+use swarmbench_engine::{Act, Action, AgentId, Config, RuleSet, Settings, TaskName, World};
+use swarmbench_players::{BuiltIn, Player, Seat, default_for, find};
+use swarmbench_worth::{Appraiser, Decided, Game, Worth, appraise, line, sent};
+
+/// Seeds of each task; `.ci/full` sets 100.
+fn seeds(usual: u64) -> u64 {
+    std::env::var("SWARMBENCH_WORTH_SEEDS").map_or(usual, |seeds| seeds.parse().expect("a number"))
+}
+
+fn layout(task: TaskName, rules: RuleSet, seed: u64) -> Arc<World> {
+    let mut settings = Settings::standard(task, seed);
+    rules.name().clone_into(&mut settings.rules);
+    Arc::new(World::new(Arc::new(Config::check(&settings).expect("good settings"))))
+}
+
+fn hosted(layout: &World, player: &BuiltIn) -> Vec<Box<dyn Player>> {
+    let seat = |agent| player.make(&Seat::hosted(layout.config(), agent, b""));
+    layout.agents().map(seat).collect()
+}
+
+fn decide(world: &World, players: &mut [Box<dyn Player>]) -> Vec<Act> {
+    let decide = |(agent, player): (AgentId, &mut Box<dyn Player>)| {
+        if !world.is_alive(agent) {
+            return Act::default();
+        }
+        let mut act = player.decide(&world.observe(agent));
+        act.action.get_or_insert(Action::Stay);
+        act
+    };
+    world.agents().zip(players).map(decide).collect()
+}
+
+fn decided(acts: Vec<Act>) -> Vec<Decided> {
+    acts.into_iter().map(|act| Decided { act, ..Decided::default() }).collect()
+}
+
+/// A game of a player; `change` may replace its acts.
+fn game(
+    layout: Arc<World>,
+    player: &BuiltIn,
+    mut change: impl FnMut(&World, &mut Vec<Act>),
+) -> Game {
+    let (mut world, mut players) = (World::clone(&layout), hosted(&layout, player));
+    let mut rounds = Vec::new();
+    while !world.is_over() {
+        let mut acts = decide(&world, &mut players);
+        change(&world, &mut acts);
+        world.step(&acts);
+        rounds.push(decided(acts));
+    }
+    Game { layout, rounds }
+}
+
+fn acts(round: &[Decided]) -> Vec<Act> {
+    round.iter().map(|decided| decided.act.clone()).collect()
+}
+
+/// The score that the reference reaches if it sees the first `shown` states of a game and plays on from there, once `first` was
+/// done, as a fork does: all is played from the beginning.
+fn played_on(game: &Game, shown: usize, first: Option<Vec<Act>>) -> f64 {
+    let mut world = World::clone(&game.layout);
+    let mut players = hosted(&world, default_for(world.config().task()));
+    for round in &game.rounds[..shown] {
+        decide(&world, &mut players);
+        world.step(&acts(round));
+    }
+    if let Some(first) = first {
+        decide(&world, &mut players);
+        world.step(&first);
+    }
+    while !world.is_over() {
+        let acts = decide(&world, &mut players);
+        world.step(&acts);
+    }
+    world.score()
+}
+
+fn random() -> &'static BuiltIn {
+    find("random", TaskName::Pursuit).expect("it plays all tasks")
+}
+
+fn worth(game: &Game, with_seats: bool) -> Worth {
+    Appraiser::new(game.clone(), with_seats).finish()
+}
+
+const RULES: [RuleSet; 2] = [RuleSet::Paper, RuleSet::Reference];
+
+#[test]
+fn a_worth_is_what_the_reference_scores_from_there() {
+    for (task, rules) in TaskName::ALL.into_iter().flat_map(|task| RULES.map(|rules| (task, rules))) {
+        let game = game(layout(task, rules, 31), random(), |_, _| {});
+        let worth = worth(&game, false);
+        let score = worth.score;
+        assert_eq!(worth.values.len(), game.rounds.len() + 1);
+        assert_eq!(worth.values.last(), Some(&score));
+        for shown in (0..game.rounds.len()).step_by(9) {
+            let expected = played_on(&game, shown, None);
+            assert_eq!(worth.values[shown].to_bits(), expected.to_bits(), "{task:?} {rules:?} {shown}");
+        }
+    }
+}
+
+#[test]
+fn the_loss_of_a_seat_is_what_its_act_alone_would_have_changed() {
+    for task in TaskName::ALL {
+        let mut game = game(layout(task, RuleSet::Paper, 7), random(), |_, _| {});
+        game.rounds.truncate(12);
+        let worth = worth(&game, true);
+        let losses = worth.seats.as_ref().expect("they were asked for");
+        for round in [0, 5, 11] {
+            for (seat, loss) in losses[round].iter().enumerate() {
+                let mut changed = acts(&game.rounds[round]);
+                changed[seat] = worth.reference_acts[round][seat].clone();
+                let expected = played_on(&game, round, Some(changed)) - worth.values[round + 1];
+                assert_eq!(loss.to_bits(), expected.to_bits(), "{task:?} round {round} seat {seat}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_game_of_the_reference_loses_nothing() {
+    for (task, rules) in TaskName::ALL.into_iter().flat_map(|task| RULES.map(|rules| (task, rules))) {
+        for seed in 0..seeds(4) {
+            let game = game(layout(task, rules, seed), default_for(task), |_, _| {});
+            let worth = worth(&game, true);
+            assert!(worth.values.iter().all(|value| *value == worth.score), "{task:?} {seed}");
+            assert!(worth.seats.iter().flatten().flatten().all(|loss| *loss == 0.0));
+        }
+    }
+}
+
+#[test]
+fn losses_sum_to_what_could_be_scored_and_was_not() {
+    for task in TaskName::ALL {
+        for seed in 0..seeds(3) {
+            let game = game(layout(task, RuleSet::Paper, seed), random(), |_, _| {});
+            let worth = worth(&game, false);
+            let sum: f64 = worth.losses().iter().sum();
+            assert!((sum - (worth.values[0] - worth.score)).abs() < 1e-9, "{task:?} {seed}");
+        }
+    }
+}
+
+/// A mistake of one seat in one round of a game of the reference is the decision that lost most, where it cost anything.
+#[test]
+fn a_planted_mistake_is_found() {
+    for task in TaskName::ALL {
+        let (mut cost, mut found) = (0, 0);
+        for seed in 0..seeds(6) {
+            let layout = layout(task, RuleSet::Paper, seed);
+            let whole = game(Arc::clone(&layout), default_for(task), |_, _| {}).rounds.len();
+            let at = u32::try_from(whole / 3).expect("few rounds");
+            let seat = usize::try_from(seed).expect("small") % layout.agents().count();
+            let game = game(layout, default_for(task), |world, acts| {
+                if world.round() == at && world.is_alive(AgentId(u16::try_from(seat).expect("few"))) {
+                    let actions = Action::of_task(task).iter().copied();
+                    acts[seat].action = actions.clone().find(|a| Some(*a) == acts[seat].action.map(opposite));
+                }
+            });
+            let worth = worth(&game, true);
+            let dearest = sent(&game, &worth).dearest.expect("with seats");
+            let lost = worth.losses()[at as usize];
+            if lost > 0.0 {
+                cost += 1;
+                let is_first = dearest.first().is_some_and(|dear| {
+                    dear.round == at && dear.agent == format!("Agent_{seat}")
+                });
+                found += usize::from(is_first);
+            }
+        }
+        assert!(found * 10 >= cost * 9, "{task:?}: {found} of {cost}");
+    }
+}
+
+fn opposite(action: Action) -> Action {
+    match action {
+        Action::Up => Action::Down,
+        Action::Down => Action::Up,
+        Action::Left => Action::Right,
+        Action::Right => Action::Left,
+        Action::Switch => Action::Stay,
+        Action::Stay => Action::Up,
+    }
+}
+
+#[test]
+fn threads_and_pieces_change_nothing() {
+    let game = game(layout(TaskName::Foraging, RuleSet::Paper, 5), random(), |_, _| {});
+    let expected = worth(&game, true);
+    for threads in [1, 2, 3, 7] {
+        assert_eq!(appraise(&game, true, threads, |_, _| {}), expected);
+    }
+    let mut pieces = Appraiser::new(game, true);
+    while !pieces.work(1) {}
+    assert_eq!(pieces.finish(), expected);
+}
+
+#[test]
+fn the_line_is_what_a_fork_plays() {
+    let game = game(layout(TaskName::Pursuit, RuleSet::Paper, 3), random(), |_, _| {});
+    let line = line(&game, 20, 1000);
+    let last = line.last().expect("it plays on");
+    assert_eq!(last.world.score().to_bits(), played_on(&game, 20, None).to_bits());
+    assert!(last.world.is_over());
+}
