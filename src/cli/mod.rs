@@ -26,7 +26,7 @@ mod verify;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use swarmbench_commands::{audit, clock, competition, eval, healthcheck, mcp, play, replay};
+use swarmbench_commands::{audit, clock, competition, eval, healthcheck, mcp, play, replay, worth};
 use swarmbench_terminal::arguments;
 
 /// SwarmBench measures over HTTP whether language models can act as a swarm.
@@ -78,6 +78,8 @@ enum Command {
     Board(board::Command),
     /// Show metrics of what the swarm did: in an episode, a run, an imported game or a journal file.
     Metrics(metrics::Args),
+    /// Show what could still be scored in each state of a game, and which decisions lost most.
+    Worth(worth::Args),
     /// Copy the database of a server, even while the server runs.
     Backup(backup::Args),
     /// Move all data of a stopped server to another database: from SQLite to PostgreSQL, or back.
@@ -111,6 +113,7 @@ pub fn main() -> ExitCode {
         Command::Key(args) => with_runtime(key::run(args)),
         Command::Competition(args) => with_runtime(competition::run(*args)),
         Command::Audit(args) => with_runtime(audit::run(args)),
+        Command::Worth(args) => with_runtime(worth::run(args)),
         Command::Clock(args) => with_runtime(clock::run(args)),
         Command::Play(args) => with_runtime(play::run(args)),
         Command::Mcp(args) => with_runtime(mcp::run(args)),

@@ -3,7 +3,7 @@
 //! The crate is separate because nobody waits for a command as games wait for a round: it is compiled with fewer optimisations. The
 //! server's program has further commands, which open a database or run a server.
 //!
-//! - [`eval`], [`play`], [`mcp`]: players. [`replay`]: one game as a film, a picture or a page.
+//! - [`eval`], [`play`], [`mcp`]: players. [`replay`]: one game as a film, a picture or a page. [`worth`]: what could still be scored.
 //! - [`competition`], [`audit`], [`clock`], [`healthcheck`]: what organizers and operators ask of a server.
 //! - [`boards`], [`journals`], [`pages`], [`options`], [`output`], [`stop`]: what several commands share, those of the server's
 //!   program among them.
@@ -35,3 +35,4 @@ mod partial;
 pub mod play;
 pub mod replay;
 pub mod stop;
+pub mod worth;

@@ -2,7 +2,7 @@
 
 use axum::http::HeaderMap;
 use serde::Deserialize;
-use swarmbench_analysis::{Definition, Metric};
+use swarmbench_analysis::Definition;
 use utoipa::IntoParams;
 
 use super::super::accept::by_accept;
@@ -12,7 +12,7 @@ use super::super::prelude::*;
 use super::Format;
 use super::metrics::{Means, of_tasks, wanted_metrics};
 use crate::measure::method;
-use crate::store::metrics::stored_method;
+use crate::store::metrics::BoardMetric;
 use swarmbench_boards::collection::Question;
 use swarmbench_boards::page::{self, read_cursor};
 use swarmbench_protocol::any_case;
@@ -114,7 +114,7 @@ pub(in super::super) async fn show_leaderboard(
         });
         let (ranked, start, runs) = ranked.await??;
         let means = if shows_metrics {
-            app.store.mean_metrics(&runs, &metrics, stored_method()).await?
+            app.store.mean_metrics(&runs, &metrics).await?
         } else {
             Means::new()
         };
@@ -130,7 +130,7 @@ pub(in super::super) async fn show_leaderboard(
 }
 
 /// Adds metrics to rows that belong to a run.
-fn with_metrics(mut board: Leaderboard, metrics: &[Metric], means: &Means) -> Leaderboard {
+fn with_metrics(mut board: Leaderboard, metrics: &[BoardMetric], means: &Means) -> Leaderboard {
     if metrics.is_empty() {
         return board;
     }

@@ -2,10 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use swarmbench_analysis::Metric;
-
 use super::super::error::{ApiError, Code};
-use crate::store::metrics::RunTask;
+use crate::store::metrics::{BoardMetric, RunTask};
 
 /// Maximum metrics of one board.
 const METRICS_MAX: usize = 16;
@@ -13,13 +11,14 @@ const METRICS_MAX: usize = 16;
 /// Means of the requested metrics by run and task.
 pub(in super::super) type Means = BTreeMap<RunTask, Vec<Option<f64>>>;
 
-pub(in super::super) fn wanted_metrics(names: &str) -> Result<Vec<Metric>, ApiError> {
-    let metrics: Vec<Metric> = names
+pub(in super::super) fn wanted_metrics(names: &str) -> Result<Vec<BoardMetric>, ApiError> {
+    let metrics: Vec<BoardMetric> = names
         .split(',')
         .map(|name| {
-            Metric::parse(name.trim()).ok_or_else(|| {
-                let known = Metric::ALL.map(Metric::name).join(", ");
-                let detail = format!("metrics has {name:?}, which is none of {known}");
+            BoardMetric::all().find(|metric| metric.name() == name.trim()).ok_or_else(|| {
+                let known: Vec<_> = BoardMetric::all().map(BoardMetric::name).collect();
+                let detail =
+                    format!("metrics has {name:?}, which is none of {}", known.join(", "));
                 ApiError::new(Code::Malformed, detail)
             })
         })
@@ -41,7 +40,7 @@ pub(in super::super) fn wanted_metrics(names: &str) -> Result<Vec<Metric>, ApiEr
 pub(in super::super) fn of_tasks(
     run: &str,
     tasks: &[String],
-    metrics: &[Metric],
+    metrics: &[BoardMetric],
     means: &Means,
 ) -> BTreeMap<String, BTreeMap<String, Option<f64>>> {
     let of_task = |task: &String| {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize, Serializer};
-use swarmbench_analysis::{Definition as MetricDefinition, Metric};
+use swarmbench_analysis::Definition as MetricDefinition;
 use utoipa::IntoParams;
 
 use super::super::boards::Format;
@@ -18,7 +18,7 @@ use super::super::ranking::Ranking;
 use crate::competitions::StoredCompetition;
 use crate::competitions::standings::EntrantAttempts;
 use crate::measure::method;
-use crate::store::metrics::stored_method;
+use crate::store::metrics::BoardMetric;
 use swarmbench_boards::competition::definition::Definition;
 use swarmbench_boards::competition::phase::{BoardView, board_view};
 use swarmbench_boards::competition::shown;
@@ -137,7 +137,7 @@ pub(in super::super) async fn show_board(
             BoardView::All if !metrics.is_empty() => {
                 let shown = ranked.what.rows.iter().skip(first).take(start.limit);
                 let runs: Vec<String> = shown.filter_map(|row| row.run.clone()).collect();
-                app.store.mean_metrics(&runs, &metrics, stored_method()).await?
+                app.store.mean_metrics(&runs, &metrics).await?
             }
             _ => Means::new(),
         };
@@ -270,7 +270,7 @@ impl<'a> Shown<'a> {
     }
 
     /// Adds metrics to the rows with a counting attempt.
-    fn with_metrics(mut self, metrics: &[Metric], means: &Means) -> Self {
+    fn with_metrics(mut self, metrics: &[BoardMetric], means: &Means) -> Self {
         if !metrics.is_empty() {
             self.board.metrics = metrics.iter().map(|metric| metric.name().to_owned()).collect();
             self.board.metrics_method = Some(method(MetricDefinition::Paper));

@@ -3,7 +3,7 @@
 use axum::Json;
 use serde::Deserialize;
 use swarmbench_engine::Config;
-use swarmbench_worth::{WORTH_REVISION, sent, sent_line, without};
+use swarmbench_worth::{sent, sent_line, without};
 use utoipa::IntoParams;
 
 use super::super::extract::optional_flag;
@@ -11,7 +11,7 @@ use super::super::prelude::*;
 use crate::appraisal::{appraise, game, game_bytes, too_much};
 use crate::fair::Party;
 use crate::store::entries::Entry;
-use crate::store::metrics::MetricsRow;
+use crate::store::metrics::{MetricsRow, WORTH};
 use crate::store::port::StoredEpisode;
 use swarmbench_protocol::worth::{GameWorth, MissingPart, ReferenceLine};
 
@@ -20,9 +20,6 @@ const LINE_ROUNDS_MAX: u32 = 100;
 
 /// Rounds of the reference's line in an answer, if none are asked for.
 const LINE_ROUNDS: u32 = 10;
-
-/// What stored worths have in place of an embedder, beside metrics.
-const STORED_AS: (&str, u32) = ("worth", WORTH_REVISION);
 
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -158,12 +155,9 @@ impl App {
         let (game, worth) = appraise(&host.workers, game, with_seats, party).await?;
         let worth = self.heavy.render(move || sent(&game, &worth)).await?;
         if stored.ended_at.is_some() {
-            let (embedder, revision) = STORED_AS;
-            let measured = serde_json::to_string(&worth).expect("string keys");
-            let embedder = embedder.to_owned();
-            let row = MetricsRow { episode: stored.episode, embedder, revision, measured };
-            let metrics = Some(Box::new(row));
-            self.store.keep(vec![Entry::Measured { number: None, metrics }]).await?;
+            let rows = MetricsRow::of_worth(stored.episode, &worth);
+            let entry = |row| Entry::Measured { number: None, metrics: Some(Box::new(row)) };
+            self.store.keep(rows.map(entry).into()).await?;
         }
         Ok(worth)
     }
@@ -177,7 +171,7 @@ impl App {
         if stored.ended_at.is_none() {
             return Ok(None);
         }
-        let Some(found) = self.store.metrics_of(stored.episode, STORED_AS).await? else {
+        let Some(found) = self.store.metrics_of(stored.episode, WORTH).await? else {
             return Ok(None);
         };
         let worth: Option<GameWorth> = serde_json::from_str(&found).ok();

@@ -1,10 +1,13 @@
 //! The tables `metrics` and `unmeasured`: metrics of ended games, and the queue of games to be measured.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use swarmbench_analysis::{Definition, Hash1, METRICS_REVISION, Metric, Metrics};
+
+use swarmbench_protocol::worth::GameWorth;
+use swarmbench_worth::WORTH_REVISION;
 
 use crate::ids::EpisodeKey;
 use crate::store::sql::{Builder, Connection, LISTED_AT_ONCE, from_row, query};
@@ -28,6 +31,41 @@ pub struct MetricsRow {
 /// The embedder and the metrics revision of stored values.
 pub fn stored_method() -> (&'static str, u32) {
     (Hash1::ID, METRICS_REVISION)
+}
+
+/// What stored worths have in place of an embedder, and their revision: `GameWorth` as JSON.
+pub const WORTH: (&str, u32) = ("worth", WORTH_REVISION);
+
+/// What has the accuracy of a worth alone in place of an embedder: boards need no more of it.
+const ACCURACY: (&str, u32) = ("worth.accuracy", WORTH_REVISION);
+
+/// A value of games of which boards show means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BoardMetric {
+    Metric(Metric),
+    /// Accuracy of the games whose worth is stored.
+    Accuracy,
+}
+
+impl BoardMetric {
+    pub fn all() -> impl Iterator<Item = Self> {
+        Metric::ALL.into_iter().map(Self::Metric).chain([Self::Accuracy])
+    }
+
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Metric(metric) => metric.name(),
+            Self::Accuracy => "accuracy",
+        }
+    }
+
+    /// What computed the value, and the revision.
+    fn method(self) -> (&'static str, u32) {
+        match self {
+            Self::Metric(_) => stored_method(),
+            Self::Accuracy => ACCURACY,
+        }
+    }
 }
 
 /// The stored values of a game: by metric name, the value and the number of rounds behind it.
@@ -87,6 +125,18 @@ impl MetricsRow {
         let (embedder, revision) = stored_method();
         let (embedder, measured) = (embedder.to_owned(), serde_json::to_string(measured));
         Self { episode, embedder, revision, measured: measured.expect("string keys") }
+    }
+
+    /// A worth, and its accuracy alone.
+    pub fn of_worth(episode: EpisodeKey, worth: &GameWorth) -> [Self; 2] {
+        let row = |(embedder, revision): (&str, u32), measured: serde_json::Result<String>| Self {
+            episode,
+            embedder: embedder.to_owned(),
+            revision,
+            measured: measured.expect("string keys"),
+        };
+        let accuracy = serde_json::json!({"accuracy": worth.accuracy});
+        [row(WORTH, serde_json::to_string(worth)), row(ACCURACY, Ok(accuracy.to_string()))]
     }
 }
 
@@ -163,12 +213,11 @@ impl Store {
     }
 
     /// Means of metrics of the definition `paper` over the games of each run and task, voided games excluded; `None` where no
-    /// game has a value.
+    /// game has a stored value.
     pub async fn mean_metrics(
         &self,
         runs: &[String],
-        metrics: &[Metric],
-        (embedder, revision): (&str, u32),
+        metrics: &[BoardMetric],
     ) -> Result<BTreeMap<RunTask, Vec<Option<f64>>>, StoreError> {
         let mut games = Vec::new();
         for some in runs.chunks(LISTED_AT_ONCE) {
@@ -182,10 +231,14 @@ impl Store {
         // Sorted by number, as a sum of floats depends on its order.
         games.sort_unstable_by_key(|(.., episode)| *episode);
         let mut means = BTreeMap::new();
+        let methods: BTreeSet<_> = metrics.iter().map(|metric| metric.method()).collect();
         for some in games.chunks(GAMES_AT_ONCE) {
-            let mut query = Builder::new("SELECT episode, measured FROM metrics WHERE embedder = ");
-            query.push_bind(embedder).push(" AND revision = ").push_bind(revision);
-            query.push(" AND episode IN ");
+            let mut query = Builder::new("SELECT episode, measured FROM metrics WHERE (");
+            for (place, (embedder, revision)) in methods.iter().enumerate() {
+                query.push(if place == 0 { "(embedder = " } else { " OR (embedder = " });
+                query.push_bind(*embedder).push(" AND revision = ").push_bind(*revision).push(")");
+            }
+            query.push(") AND episode IN ");
             query.push_list(some.iter().map(|(.., episode)| episode.0));
             query.push(" ORDER BY episode");
             let read: Vec<(EpisodeKey, String)> = self.fetch_all(query.build()).await?;
@@ -195,10 +248,10 @@ impl Store {
                 let (run, task, _) = &some[place];
                 let of = means.entry((run.clone(), task.clone()));
                 let sums: &mut Vec<Sum> = of.or_insert_with(|| vec![Sum::default(); metrics.len()]);
-                let values = PaperValues::read(&measured)?;
+                let values = BoardValues::read(&measured)?;
                 for (sum, metric) in sums.iter_mut().zip(metrics) {
-                    if let Some((Some(value), _)) = values.paper.get(metric.name()) {
-                        sum.add(*value);
+                    if let Some(value) = values.of(*metric) {
+                        sum.add(value);
                     }
                 }
             }
@@ -209,14 +262,22 @@ impl Store {
     }
 }
 
-/// The subset of [`Measured`] for the definition `paper`.
+/// The subset of [`Measured`] for the definition `paper`, or an accuracy.
 #[derive(Deserialize)]
-struct PaperValues<'a> {
-    #[serde(borrow)]
+struct BoardValues<'a> {
+    #[serde(borrow, default)]
     paper: BTreeMap<&'a str, (Option<f64>, IgnoredAny)>,
+    accuracy: Option<f64>,
 }
 
-impl<'a> PaperValues<'a> {
+impl<'a> BoardValues<'a> {
+    fn of(&self, metric: BoardMetric) -> Option<f64> {
+        match metric {
+            BoardMetric::Metric(metric) => self.paper.get(metric.name())?.0,
+            BoardMetric::Accuracy => self.accuracy,
+        }
+    }
+
     fn read(stored: &'a str) -> Result<Self, StoreError> {
         serde_json::from_str(stored).map_err(unreadable)
     }

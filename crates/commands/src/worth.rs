@@ -1,0 +1,205 @@
+//! `swarmbench worth`
+
+use std::num::NonZero;
+use std::thread;
+
+use anyhow::{Context, bail};
+use swarmbench_protocol::run::RunDetail;
+use swarmbench_protocol::worth::GameWorth;
+use swarmbench_worth::{appraise, game_of, sent};
+
+use super::journals::Journal;
+use super::options::ServerArgs;
+use super::output::{self, fields, progress_bar, set, table};
+
+/// Decisions in the list of the dearest ones.
+const DEAREST: usize = 10;
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "The worth of a state is the score that the task's default built-in player reaches from there, on all seats. \
+    docs/evaluate/worth.md says what that means and what it does not. It is computed on this machine, from the journal: a game of \
+    12 agents takes seconds, one with the losses of all seats up to a minute.\n\nExamples:\n  \
+    swarmbench worth game.jsonl                        (a journal file, without a server)\n  \
+    swarmbench worth ep_0123…                          (on a server on this machine)\n  \
+    swarmbench worth run_0123…                         (all games of a run)\n  \
+    swarmbench worth game.jsonl --no-seats --json | jq .values"
+)]
+pub struct Args {
+    /// A journal file, or the id of an episode or of a run.
+    game: String,
+    /// Leave out what each seat lost, which takes most of the time.
+    #[arg(long)]
+    no_seats: bool,
+    /// The number of threads. Default: one for each processor. It changes nothing but the time.
+    #[arg(long)]
+    threads: Option<NonZero<usize>>,
+    /// Print JSON, in the shape of the API; of a run a list.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    server: ServerArgs,
+}
+
+pub async fn run(args: Args) -> anyhow::Result<()> {
+    if args.game.starts_with("imp_") {
+        bail!(
+            "{} is an imported game: its files have no state that can be played on",
+            args.game
+        );
+    }
+    if args.game.starts_with("run_") {
+        return of_run(args).await;
+    }
+    let worth = of_game(&args, &args.game).await?;
+    if args.json {
+        return output::json(&worth);
+    }
+    show(&worth);
+    Ok(())
+}
+
+/// The worth of a journal file, or of an episode, whose journal is downloaded.
+async fn of_game(args: &Args, game: &str) -> anyhow::Result<GameWorth> {
+    let journal = Journal::find(game, args.server.clone()).await?;
+    let threads = args.threads.or_else(|| thread::available_parallelism().ok());
+    let (with_seats, name) = (!args.no_seats, game.to_owned());
+    let work = move || {
+        let (report, game) = game_of(journal.open()?).with_context(|| name)?;
+        let bar = progress_bar("{bar:30} round {pos} of {len}, {eta} left");
+        let worth = appraise(&game, with_seats, threads.map_or(1, NonZero::get), |done, of| {
+            set(&bar, done as u64, of as u64);
+        });
+        bar.finish_and_clear();
+        let mut worth = sent(&game, &worth);
+        worth.episode = Some(report.opening.episode);
+        anyhow::Ok(worth)
+    };
+    tokio::task::spawn_blocking(work).await?
+}
+
+async fn of_run(args: Args) -> anyhow::Result<()> {
+    let client = args.server.clone().client().await?;
+    let path = format!("/api/v1/runs/{}", args.game);
+    let run: RunDetail = client.get(&path).await?;
+    let played = run.games.iter().filter(|game| game.round > 0 && game.void_reason.is_none());
+    let mut games = Vec::new();
+    for episode in played.filter_map(|game| game.episode.as_ref()) {
+        games.push(of_game(&args, episode).await?);
+    }
+    if games.is_empty() {
+        bail!("no game of {} has a resolved round yet", args.game);
+    }
+    if args.json {
+        return output::json(&games);
+    }
+    show_run(&games);
+    Ok(())
+}
+
+fn show(worth: &GameWorth) {
+    let values = worth.values.as_deref().unwrap_or_default();
+    let name = worth.episode.as_deref().unwrap_or("a game");
+    out!("{name}: {}, {} rounds", worth.task, worth.rounds);
+    out!("{}", fields(summary(worth)));
+    let weak = worth.reference_is_weak == Some(true);
+    if weak {
+        out!("The reference is weak here: from the start it would have scored less than this game.");
+    }
+    out!("\nWorth of some states: what {} still reaches from there", worth.method.reference);
+    let mut curve = table(&["round", "worth", "lost since the row above"]);
+    let step = (values.len() / 10).max(1);
+    let mut above: Option<f64> = None;
+    let last = values.len().saturating_sub(1);
+    for state in (0..last).step_by(step).chain([last]) {
+        let Some(value) = values.get(state) else { continue };
+        let lost = above.map_or(String::new(), |above| number(above - value));
+        curve.add_row([state.to_string(), number(*value), lost]);
+        above = Some(*value);
+    }
+    out!("{curve}");
+    show_seats(worth);
+    let dearest = worth.dearest.iter().flatten();
+    show_dearest(dearest.map(|dear| (dear.loss, format!("round {}: {}", dear.round, dear.words))));
+}
+
+fn summary(worth: &GameWorth) -> Vec<(&'static str, String)> {
+    let first = worth.values.as_ref().and_then(|values| values.first());
+    vec![
+        ("score", number(worth.score)),
+        ("could be scored", output::cell(first.map(|first| number(*first)))),
+        ("accuracy", share(worth.accuracy)),
+        (
+            "settled",
+            worth.settled_round.map_or(String::new(), |round| {
+                format!("from round {round} on the reference scores nothing more")
+            }),
+        ),
+    ]
+}
+
+fn show_seats(worth: &GameWorth) {
+    let (Some(seats), Some(kinds)) = (&worth.seats, &worth.kinds) else { return };
+    out!("\nLosses of seats: each decision against the reference's in its place");
+    let mut by_seat = table(&["seat", "lost", "share", "gained"]);
+    // By number: Agent_10 is after Agent_9.
+    let mut named: Vec<_> = seats.iter().collect();
+    named.sort_by_key(|(name, _)| (name.len(), *name));
+    for (name, loss) in named {
+        by_seat.add_row([name.clone(), number(loss.lost), share(loss.share), number(loss.gained)]);
+    }
+    out!("{by_seat}");
+    let mut by_kind = table(&["decisions", "number", "lost", "gained"]);
+    for (name, loss) in kinds.iter().filter(|(_, loss)| loss.decisions > 0) {
+        let count = loss.decisions.to_string();
+        by_kind.add_row([name.clone(), count, number(loss.lost), number(loss.gained)]);
+    }
+    out!("{by_kind}");
+}
+
+/// The dearest decisions, in words.
+fn show_dearest(decisions: impl Iterator<Item = (f64, String)>) {
+    let mut lines = decisions.peekable();
+    if lines.peek().is_some() {
+        out!("\nThe dearest decisions");
+    }
+    for (loss, words) in lines {
+        out!("{}", output::wrapped(&format!("{words}: −{}", number(loss)), output::width().into()));
+    }
+}
+
+fn show_run(games: &[GameWorth]) {
+    let mut shown = table(&["game", "task", "score", "could be scored", "accuracy", "settled"]);
+    for worth in games {
+        let first = worth.values.as_ref().and_then(|values| values.first());
+        shown.add_row([
+            worth.episode.clone().unwrap_or_default(),
+            worth.task.clone(),
+            number(worth.score),
+            output::cell(first.map(|first| number(*first))),
+            share(worth.accuracy),
+            output::cell(worth.settled_round),
+        ]);
+    }
+    out!("{shown}");
+    let of_game = |worth: &GameWorth| {
+        let name = worth.episode.clone().unwrap_or_default();
+        let dearest = worth.dearest.clone().into_iter().flatten();
+        let line = move |dear: swarmbench_protocol::worth::DearDecision| {
+            (dear.loss, format!("{name}, round {}: {}", dear.round, dear.words))
+        };
+        dearest.map(line).collect::<Vec<_>>()
+    };
+    let mut all: Vec<_> = games.iter().flat_map(of_game).collect();
+    all.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    show_dearest(all.into_iter().take(DEAREST));
+}
+
+fn number(value: f64) -> String {
+    let text = format!("{value:.2}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+fn share(share: Option<f64>) -> String {
+    output::cell(share.map(|share| format!("{:.1} %", share * 100.0)))
+}
