@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use swarmbench_engine::{Config, World};
-use swarmbench_worth::{Appraiser, Decided, Game, WORTH_DECISIONS_MAX, Worth, decided, decisions_of};
+use swarmbench_worth::{
+    Appraiser, Decided, Game, WORTH_DECISIONS_MAX, Worth, decided, decisions_of,
+};
 
 use crate::episode::actor::Host;
 use crate::episode::heavy::step_micros;
@@ -17,8 +19,8 @@ use crate::work::{Cancelled, WorkError, Workers};
 /// Decisions that are computed in one piece, about a tenth of a second; a single rollout may take longer.
 const PIECE: u64 = 2000;
 
-/// Microseconds that all rounds of the rollouts of one game may take, without the decisions of players.
-const WORTH_STEP_MICROS_MAX: u64 = 60_000_000;
+/// Seconds that all rounds of the rollouts of one game may take, without the decisions of players.
+const WORTH_SECONDS_MAX: u64 = 60;
 
 /// Microseconds of a decision, for the estimate of a replay that shows players all states.
 const MICROS_OF_A_DECISION: u64 = 50;
@@ -37,16 +39,15 @@ pub fn too_much(config: &Config, rounds: u32, with_seats: bool) -> Option<String
     let what = if with_seats { "losses of seats take" } else { "it takes" };
     if decisions > WORTH_DECISIONS_MAX {
         return Some(format!(
-            "{what} up to {decisions} decisions of the reference, more than WORTH_DECISIONS_MAX, {WORTH_DECISIONS_MAX}"
+            "{what} up to {decisions} decisions of the reference, more than worth_decisions_max, {WORTH_DECISIONS_MAX}"
         ));
     }
     let steps = decisions / u64::from(config.num_agents()).max(1);
     let micros = steps.saturating_mul(step_micros(config));
-    (micros > WORTH_STEP_MICROS_MAX).then(|| {
+    let seconds = micros / 1_000_000;
+    (seconds > WORTH_SECONDS_MAX).then(|| {
         format!(
-            "{what} about {} s of rounds of this size, more than WORTH_STEP_MICROS_MAX, {} s",
-            micros / 1_000_000,
-            WORTH_STEP_MICROS_MAX / 1_000_000
+            "{what} about {seconds} s of rounds of this size, more than worth_seconds_max, {WORTH_SECONDS_MAX}"
         )
     })
 }

@@ -25,10 +25,11 @@ use crate::run::definition;
 use crate::store::entries::ImportedRound;
 use crate::store::episodes::{Filter, Readable};
 use crate::store::imports::{ImportFilter, StoredImport};
-use crate::store::metrics::{Measured, stored_method};
+use crate::store::metrics::{Measured, WORTH, stored_method};
 use crate::store::port::StoredEpisode;
 use crate::store::records::ActReader;
 use crate::store::{Store, StoreError};
+use swarmbench_protocol::worth::GameWorth;
 
 /// Rounds of one read.
 const CHUNK: u32 = 8;
@@ -209,24 +210,27 @@ impl<'a> Export<'a> {
                 }
                 TableName::Acts => {
                     let Some((stored, mut game)) = self.sound(key)? else { continue };
+                    let worth = self.worth(key)?;
                     self.play_acts(&stored, &mut game, |game, turn, act| {
                         let model = &game.header.holder(act.agent).model;
                         if self.played_by.as_ref().is_some_and(|wanted| wanted != model) {
                             return Ok(());
                         }
                         acts += 1;
-                        add(tables::act(game, turn, act))
+                        add(tables::act(game, turn, act, worth.as_ref()))
                     })?;
                 }
                 TableName::Rounds => {
                     let Some((stored, mut game)) = self.sound(key)? else { continue };
                     let created_at = stored.created_at;
+                    let worth = self.worth(key)?;
+                    let worth = worth.as_ref();
                     let mut meter = measure::meter(game.world());
-                    add(tables::round(&game, None, created_at, meter.now()))?;
+                    add(tables::round(&game, None, created_at, meter.now(), worth))?;
                     self.play(&stored, &mut game, |game, turn| {
                         rounds += 1;
                         measure::add(&mut meter, game, turn);
-                        add(tables::round(game, Some(turn), created_at, meter.now()))
+                        add(tables::round(game, Some(turn), created_at, meter.now(), worth))
                     })?;
                 }
                 TableName::Heard => {
@@ -278,8 +282,15 @@ impl<'a> Export<'a> {
             tally: self.runtime.block_on(self.store.tally_of(key))?,
             suite,
             measured,
+            worth: self.worth(key)?,
         };
         Ok(Some(tables::episode(&header, &stored, &outcome)))
+    }
+
+    /// The stored worth of an episode.
+    fn worth(&self, key: EpisodeKey) -> Result<Option<GameWorth>, ExportError> {
+        let found = self.runtime.block_on(self.store.metrics_of(key, WORTH))?;
+        Ok(found.and_then(|worth| serde_json::from_str(&worth).ok()))
     }
 
     /// Stored metrics of an episode, or else those of a replay.

@@ -18,6 +18,7 @@ use crate::store::port::StoredEpisode;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::{RecordedConfig, Source};
 use swarmbench_protocol::failure::Failure;
+use swarmbench_protocol::worth::GameWorth;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -68,11 +69,14 @@ swarmbench_engine::named! {
 
 impl TableName {
     pub fn columns(self) -> &'static [Column] {
-        static EPISODES: LazyLock<Vec<Column>> =
-            LazyLock::new(|| [HEAD, SETTINGS, OF_EPISODES, &metrics_of_episodes()].concat());
-        static ACTS: LazyLock<Vec<Column>> = LazyLock::new(|| [HEAD, OF_ACTS].concat());
-        static ROUNDS: LazyLock<Vec<Column>> =
-            LazyLock::new(|| [HEAD, SETTINGS, OF_ROUNDS, &metrics_of_rounds()].concat());
+        static EPISODES: LazyLock<Vec<Column>> = LazyLock::new(|| {
+            [HEAD, SETTINGS, OF_EPISODES, &metrics_of_episodes(), WORTH_OF_EPISODES].concat()
+        });
+        static ACTS: LazyLock<Vec<Column>> =
+            LazyLock::new(|| [HEAD, OF_ACTS, WORTH_OF_ACTS].concat());
+        static ROUNDS: LazyLock<Vec<Column>> = LazyLock::new(|| {
+            [HEAD, SETTINGS, OF_ROUNDS, &metrics_of_rounds(), WORTH_OF_ROUNDS].concat()
+        });
         static HEARD: LazyLock<Vec<Column>> = LazyLock::new(|| [HEAD, OF_HEARD].concat());
         static VIEWS: LazyLock<Vec<Column>> = LazyLock::new(|| [HEAD, OF_VIEWS].concat());
         match self {
@@ -213,6 +217,16 @@ const OF_ROUNDS: &[Column] = &[
     ("positions", Kind::Text),
 ];
 
+/// Columns of stored worths, the last ones of their tables: an export computes none.
+const WORTH_OF_EPISODES: &[Column] = &[
+    ("worth_start", Kind::Real),
+    ("accuracy", Kind::Real),
+    ("settled_round", Kind::Whole),
+    ("worth_revision", Kind::Whole),
+];
+const WORTH_OF_ROUNDS: &[Column] = &[("worth", Kind::Real)];
+const WORTH_OF_ACTS: &[Column] = &[("loss", Kind::Real)];
+
 const OF_HEARD: &[Column] = &[
     ("round", Kind::Whole),
     ("receiver", Kind::Whole),
@@ -328,10 +342,12 @@ pub struct Outcome {
     /// Name and digest of its run's suite.
     pub suite: Option<(String, String)>,
     pub measured: Measured,
+    /// The worth, if it is stored.
+    pub worth: Option<GameWorth>,
 }
 
 pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Vec<Cell> {
-    let Outcome { started_at, tally, suite, measured } = outcome;
+    let Outcome { started_at, tally, suite, measured, worth } = outcome;
     let Header { opening, .. } = header;
     let config = &opening.config;
     let template = config.custom_template.then_some(&opening.prompt_template);
@@ -378,7 +394,19 @@ pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Ve
         cells.extend([value.into(), rounds.into()]);
     }
     cells.extend(of_toolkit().map(|metric| measured.value(Definition::Toolkit, metric).0.into()));
+    cells.extend([
+        worth_at(worth.as_ref(), 0),
+        worth.as_ref().and_then(|worth| worth.accuracy).into(),
+        worth.as_ref().and_then(|worth| worth.settled_round).into(),
+        worth.as_ref().map(|worth| worth.method.worth_revision).into(),
+    ]);
     cells
+}
+
+/// The worth of a state.
+fn worth_at(worth: Option<&GameWorth>, state: u32) -> Cell {
+    let value = worth.and_then(|worth| worth.values.as_ref()?.get(state as usize).copied());
+    value.into()
 }
 
 /// The row of a message delivered with the current state.
@@ -406,7 +434,7 @@ pub fn view(game: &DatasetGame, turn: &Turn, agent: AgentId) -> Option<Vec<Cell>
 }
 
 /// The row of an act of the last played round.
-pub fn act(game: &DatasetGame, turn: &Turn, act: &GameAct) -> Vec<Cell> {
+pub fn act(game: &DatasetGame, turn: &Turn, act: &GameAct, worth: Option<&GameWorth>) -> Vec<Cell> {
     let record = &act.record;
     let holder = game.header.holder(act.agent);
     let at = turn.before.agent_states().nth(act.agent.index()).map(|state| state.at);
@@ -438,6 +466,11 @@ pub fn act(game: &DatasetGame, turn: &Turn, act: &GameAct) -> Vec<Cell> {
         usage.latency_ms.into(),
         record.bank_spent_ms.into(),
     ]);
+    let loss = worth.and_then(|worth| {
+        let round = worth.losses.as_ref()?.get(turn.round as usize)?;
+        round.seats.as_ref()?.get(&act.agent.to_string()).copied()
+    });
+    cells.push(loss.into());
     cells
 }
 
@@ -447,6 +480,7 @@ pub fn round(
     turn: Option<&Turn>,
     created_at: Timestamp,
     (counts, values): (&Counts, &[Option<f64>; Metric::ALL.len()]),
+    worth: Option<&GameWorth>,
 ) -> Vec<Cell> {
     let (config, world) = (&game.header.opening.config, game.world());
     let count = |wanted: &dyn Fn(&GameAct) -> bool| {
@@ -473,5 +507,6 @@ pub fn round(
     cells.extend(counts.filter(|(name, _)| !has(name)).map(|(_, count)| count.into()));
     let values = Metric::ALL.into_iter().zip(values);
     cells.extend(values.filter(|(metric, _)| is_column(*metric)).map(|(_, value)| (*value).into()));
+    cells.push(worth_at(worth, world.round()));
     cells
 }

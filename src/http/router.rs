@@ -85,6 +85,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(imports::show::show_import))
         .routes(routes!(imports::state::show_imported_state))
         .routes(routes!(imports::metrics::show_import_metrics))
+        .routes(routes!(imports::worth::show_import_worth))
         .routes(routes!(imports::replay::show_import_replay))
         .routes(routes!(imports::agent::show_import_agent_round))
         .routes(routes!(imports::scores::show_import_scores))

@@ -223,6 +223,7 @@ pub(super) const ROWS: &[RouteRow] = &[
     row("GET", "/api/v1/imports/{id}/rounds/{round}/agents/{agent}", Anywhere, Anyone),
     row("GET", "/api/v1/imports/{id}/scores", Anywhere, Anyone),
     row("GET", "/api/v1/imports/{id}/state", Anywhere, Anyone),
+    row("GET", "/api/v1/imports/{id}/worth", Anywhere, Anyone),
     row("GET", "/api/v1/keys", Anywhere, Key),
     row("POST", "/api/v1/keys", Anywhere, Key),
     row("DELETE", "/api/v1/keys/{id}", Anywhere, Key).urgent(),

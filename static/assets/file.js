@@ -6,6 +6,7 @@ import { Notices, Title, titleOf } from "./game/title.js";
 import { Viewer } from "./game/viewer.js";
 
 /** @import { Game, Scores, State } from "./parts/game.js" */
+/** @import { Worth } from "./parts/worth.js" */
 
 /**
  * @typedef {object} Content
@@ -13,19 +14,21 @@ import { Viewer } from "./game/viewer.js";
  * @property {State[]} states
  * @property {Record<string, any>} acts by round and agent: "37/5"
  * @property {Scores} [scores]
+ * @property {Worth} [worth] of the whole game
  * @property {any} summary
  */
 
 /** @implements {Game} */
 class FileGame {
   /** @param {Content} content */
-  constructor({ head, states, acts, scores, summary }) {
+  constructor({ head, states, acts, scores, worth, summary }) {
     this.kind = /** @type {const} */ ("file");
     this.head = { ...head, id: head.id ?? head.episode ?? "game" };
     this.summary = { ...summary, config: summary.config ?? {} };
     this.states = states;
     this.acts = acts;
     this.curve = scores;
+    this.appraisal = worth ?? null;
     this.first = states[0].round;
     this.last = states[states.length - 1].round;
     this.isLost = false;
@@ -60,6 +63,10 @@ class FileGame {
     const scores = this.states.map((state) => state.score);
     // The curve of the whole game is useless if the file has only a part.
     return this.curve && this.states.length > this.head.rounds ? this.curve : { rounds: this.last, every: 1, first: this.first, scores };
+  }
+
+  async worth() {
+    return this.appraisal;
   }
 
   subscribe() {

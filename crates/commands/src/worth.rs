@@ -43,10 +43,7 @@ pub struct Args {
 
 pub async fn run(args: Args) -> anyhow::Result<()> {
     if args.game.starts_with("imp_") {
-        bail!(
-            "{} is an imported game: its files have no state that can be played on",
-            args.game
-        );
+        bail!("{} is an imported game: its files have no state that can be played on", args.game);
     }
     if args.game.starts_with("run_") {
         return of_run(args).await;
@@ -104,7 +101,9 @@ fn show(worth: &GameWorth) {
     out!("{}", fields(summary(worth)));
     let weak = worth.reference_is_weak == Some(true);
     if weak {
-        out!("The reference is weak here: from the start it would have scored less than this game.");
+        out!(
+            "The reference is weak here: from the start it would have scored less than this game."
+        );
     }
     out!("\nWorth of some states: what {} still reaches from there", worth.method.reference);
     let mut curve = table(&["round", "worth", "lost since the row above"]);

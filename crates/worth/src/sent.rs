@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use swarmbench_engine::{Act, Action, AgentId, Config, Scratch, World};
+use swarmbench_engine::{Act, Action, AgentId, Config, Scratch, TaskName, World};
 use swarmbench_players::default_for;
 use swarmbench_protocol::worth::{
-    DearDecision, GameWorth, KindLoss, LineAgent, LineRound as SentRound, MissingPart, ReferenceLine,
-    RoundLoss, SeatLoss, WorthMethod,
+    DearDecision, GameWorth, KindLoss, LineAgent, LineRound as SentRound, MissingPart,
+    ReferenceLine, RoundLoss, SeatLoss, WorthMethod,
 };
 
 use crate::line::{LineRound, line};
@@ -31,22 +31,22 @@ pub fn decisions_of(config: &Config, rounds: u32, with_seats: bool) -> u64 {
     rolled.saturating_mul(agents).saturating_mul(if with_seats { agents + 1 } else { 1 })
 }
 
-/// Method by which the worth of games of these settings is computed.
+/// Method by which the worth of games of this task is computed.
 #[must_use]
-pub fn method(config: &Config) -> WorthMethod {
-    let reference = default_for(config.task()).name.to_owned();
+pub fn method(task: TaskName) -> WorthMethod {
+    let reference = default_for(task).name.to_owned();
     WorthMethod { reference, worth_revision: WORTH_REVISION }
 }
 
 /// The answer without any worth, and why.
 #[must_use]
-pub fn without(config: &Config, rounds: u32, score: f64, detail: String) -> GameWorth {
+pub fn without(task: TaskName, rounds: u32, score: f64, detail: String) -> GameWorth {
     GameWorth {
         episode: None,
-        task: config.task().name().to_owned(),
+        task: task.name().to_owned(),
         rounds,
         score,
-        method: method(config),
+        method: method(task),
         values: None,
         losses: None,
         settled_round: None,
@@ -62,7 +62,7 @@ pub fn without(config: &Config, rounds: u32, score: f64, detail: String) -> Game
 /// The worth of a game as it is sent.
 #[must_use]
 pub fn sent(game: &Game, worth: &Worth) -> GameWorth {
-    let config = game.layout.config();
+    let task = game.layout.config().task();
     let rounds = u32::try_from(game.rounds.len()).unwrap_or(u32::MAX);
     let settled = u32::try_from(worth.settled()).unwrap_or(u32::MAX);
     let (first, last) = (worth.values[0], worth.values[game.rounds.len()]);
@@ -85,7 +85,7 @@ pub fn sent(game: &Game, worth: &Worth) -> GameWorth {
         kinds: worth.seats.as_ref().map(|seats| of_kinds(&worth.kinds, seats)),
         dearest: worth.seats.as_ref().map(|seats| dearest(game, worth, seats)),
         missing: Vec::new(),
-        ..without(config, rounds, worth.score, String::new())
+        ..without(task, rounds, worth.score, String::new())
     }
 }
 
@@ -129,7 +129,8 @@ fn dearest(game: &Game, worth: &Worth, losses: &[Vec<f64>]) -> Vec<DearDecision>
         let acts: Vec<Act> = decided.iter().map(|decided| decided.act.clone()).collect();
         let before = world.clone();
         world.step_in(&acts, &mut scratch);
-        for (place, (_, agent, loss)) in all.iter().enumerate().filter(|(_, dear)| dear.0 == round) {
+        for (place, (_, agent, loss)) in all.iter().enumerate().filter(|(_, dear)| dear.0 == round)
+        {
             let (did, reference) =
                 (&acts[agent.index()], &worth.reference_acts[round][agent.index()]);
             let kind = worth.kinds[round][agent.index()].unwrap_or(Kind::Waited);
@@ -150,7 +151,7 @@ fn dearest(game: &Game, worth: &Worth, losses: &[Vec<f64>]) -> Vec<DearDecision>
 /// The reference's line as it is sent.
 #[must_use]
 pub fn sent_line(game: &Game, round: u32, rounds: u32) -> ReferenceLine {
-    let config = game.layout.config();
+    let task = game.layout.config().task();
     let line = line(game, round as usize, rounds as usize);
     let agent = |(state, act): (swarmbench_engine::AgentState, &Act)| LineAgent {
         agent: state.agent.to_string(),
@@ -164,5 +165,5 @@ pub fn sent_line(game: &Game, round: u32, rounds: u32) -> ReferenceLine {
         agents: world.agent_states().zip(acts).map(agent).collect(),
     };
     let rounds = line.iter().map(sent).collect();
-    ReferenceLine { episode: None, round, method: method(config), rounds }
+    ReferenceLine { episode: None, round, method: method(task), rounds }
 }

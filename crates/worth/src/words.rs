@@ -55,7 +55,8 @@ fn way(before: &World, after: &World, agent: AgentId) -> Option<String> {
         let bodies = before.board().bodies().iter().filter(move |body| body.kind() == kind);
         bodies.flat_map(swarmbench_engine::Body::cells)
     };
-    let far = |from: Pos| cells().map(|cell| from.i.abs_diff(cell.i) + from.j.abs_diff(cell.j)).min();
+    let far =
+        |from: Pos| cells().map(|cell| from.i.abs_diff(cell.i) + from.j.abs_diff(cell.j)).min();
     let (was, is) = (far(state.at)?, far(to)?);
     Some(match is.cmp(&was) {
         std::cmp::Ordering::Less => format!(", toward {what}"),

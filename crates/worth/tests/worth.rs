@@ -91,7 +91,8 @@ const RULES: [RuleSet; 2] = [RuleSet::Paper, RuleSet::Reference];
 
 #[test]
 fn a_worth_is_what_the_reference_scores_from_there() {
-    for (task, rules) in TaskName::ALL.into_iter().flat_map(|task| RULES.map(|rules| (task, rules))) {
+    for (task, rules) in TaskName::ALL.into_iter().flat_map(|task| RULES.map(|rules| (task, rules)))
+    {
         let game = game(layout(task, rules, 31), random(), |_, _| {});
         let worth = worth(&game, false);
         let score = worth.score;
@@ -99,7 +100,11 @@ fn a_worth_is_what_the_reference_scores_from_there() {
         assert_eq!(worth.values.last(), Some(&score));
         for shown in (0..game.rounds.len()).step_by(9) {
             let expected = played_on(&game, shown, None);
-            assert_eq!(worth.values[shown].to_bits(), expected.to_bits(), "{task:?} {rules:?} {shown}");
+            assert_eq!(
+                worth.values[shown].to_bits(),
+                expected.to_bits(),
+                "{task:?} {rules:?} {shown}"
+            );
         }
     }
 }
@@ -116,7 +121,11 @@ fn the_loss_of_a_seat_is_what_its_act_alone_would_have_changed() {
                 let mut changed = acts(&game.rounds[round]);
                 changed[seat] = worth.reference_acts[round][seat].clone();
                 let expected = played_on(&game, round, Some(changed)) - worth.values[round + 1];
-                assert_eq!(loss.to_bits(), expected.to_bits(), "{task:?} round {round} seat {seat}");
+                assert_eq!(
+                    loss.to_bits(),
+                    expected.to_bits(),
+                    "{task:?} round {round} seat {seat}"
+                );
             }
         }
     }
@@ -124,7 +133,8 @@ fn the_loss_of_a_seat_is_what_its_act_alone_would_have_changed() {
 
 #[test]
 fn a_game_of_the_reference_loses_nothing() {
-    for (task, rules) in TaskName::ALL.into_iter().flat_map(|task| RULES.map(|rules| (task, rules))) {
+    for (task, rules) in TaskName::ALL.into_iter().flat_map(|task| RULES.map(|rules| (task, rules)))
+    {
         for seed in 0..seeds(4) {
             let game = game(layout(task, rules, seed), default_for(task), |_, _| {});
             let worth = worth(&game, true);
@@ -157,9 +167,11 @@ fn a_planted_mistake_is_found() {
             let at = u32::try_from(whole / 3).expect("few rounds");
             let seat = usize::try_from(seed).expect("small") % layout.agents().count();
             let game = game(layout, default_for(task), |world, acts| {
-                if world.round() == at && world.is_alive(AgentId(u16::try_from(seat).expect("few"))) {
+                if world.round() == at && world.is_alive(AgentId(u16::try_from(seat).expect("few")))
+                {
                     let actions = Action::of_task(task).iter().copied();
-                    acts[seat].action = actions.clone().find(|a| Some(*a) == acts[seat].action.map(opposite));
+                    acts[seat].action =
+                        actions.clone().find(|a| Some(*a) == acts[seat].action.map(opposite));
                 }
             });
             let worth = worth(&game, true);
@@ -167,9 +179,9 @@ fn a_planted_mistake_is_found() {
             let lost = worth.losses()[at as usize];
             if lost > 0.0 {
                 cost += 1;
-                let is_first = dearest.first().is_some_and(|dear| {
-                    dear.round == at && dear.agent == format!("Agent_{seat}")
-                });
+                let is_first = dearest
+                    .first()
+                    .is_some_and(|dear| dear.round == at && dear.agent == format!("Agent_{seat}"));
                 found += usize::from(is_first);
             }
         }

@@ -17,8 +17,7 @@ pub(in super::super) fn wanted_metrics(names: &str) -> Result<Vec<BoardMetric>, 
         .map(|name| {
             BoardMetric::all().find(|metric| metric.name() == name.trim()).ok_or_else(|| {
                 let known: Vec<_> = BoardMetric::all().map(BoardMetric::name).collect();
-                let detail =
-                    format!("metrics has {name:?}, which is none of {}", known.join(", "));
+                let detail = format!("metrics has {name:?}, which is none of {}", known.join(", "));
                 ApiError::new(Code::Malformed, detail)
             })
         })

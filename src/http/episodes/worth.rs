@@ -74,7 +74,7 @@ pub(in super::super) async fn show_episode_worth(
     let no_seats = too_much(config, rounds, true);
     let with_seats = asks_seats && no_seats.is_none();
     let mut worth = match too_much(config, rounds, false) {
-        Some(detail) => without(config, rounds, stored.score, detail),
+        Some(detail) => without(config.task(), rounds, stored.score, detail),
         None => app.worth(&stored, config, with_seats).await?,
     };
     if !asks_seats {

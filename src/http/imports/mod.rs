@@ -7,6 +7,7 @@ pub(super) mod replay;
 pub(super) mod scores;
 pub(super) mod show;
 pub(super) mod state;
+pub(super) mod worth;
 
 use super::App;
 use super::auth::Caller;

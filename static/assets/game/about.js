@@ -1,7 +1,6 @@
 // A game's facts, seats and actions, and the verification of its journal.
 import { html, useState } from "../ui.js";
 import { request, route, send } from "../api.js";
-import { Commands } from "../parts/copy.js";
 import { save } from "../parts/download.js";
 import { isLive } from "../parts/game.js";
 import { useLoaded } from "../parts/load.js";
@@ -106,7 +105,7 @@ export function Verify({ game }) {
     </div>`;
 }
 
-/** Files and commands. @param {{game: Game}} props */
+/** Files. @param {{game: Game}} props */
 export function Actions({ game }) {
   const [problem, setProblem] = useState(/** @type {any} */ (null));
   const { id } = game.head;
@@ -125,21 +124,5 @@ export function Actions({ game }) {
       ${isEpisode && html`<button type="button" onClick=${saveJournal}>Journal</button>`}
       <button type="button" onClick=${() => savePicture(`${id}-map`)}>Picture of the map</button>
     </div>
-    ${problem && html`<${ProblemNote} problem=${problem} what="The journal" />`}
-    ${isEpisode && html`<${Elsewhere} id=${id} mayEmbed=${game.summary.config?.visibility === "public" || !isLive(game.head)} />`}`;
-}
-
-/** @param {{id: string, mayEmbed: boolean}} props */
-function Elsewhere({ id, mayEmbed }) {
-  const server = location.origin;
-  return html`<details>
-    <summary>Commands: animation, one file, check on your own machine</summary>
-    <p>An animated GIF:</p>
-    <${Commands} label="Command for the animation" what="the command for the animation" lines=${[`swarmbench replay ${id} --gif game.gif --messages --server ${server}`]} />
-    <p>This page as one file, which opens without a server:</p>
-    <${Commands} label="Command for one file" what="the command for one file" lines=${[`swarmbench replay ${id} --html game.html --server ${server}`]} />
-    <p>Check the journal without trusting this server:</p>
-    <${Commands} label="Command for the check" what="the command for the check" lines=${[`swarmbench verify ${id}.jsonl`]} />
-    ${mayEmbed && html`<p>The game in another page:</p><${Commands} label="Markup for another page" what="the markup" lines=${[`<iframe src="${server}${route`/embed/episodes/${id}`}" width="800" height="900"></iframe>`]} />`}
-  </details>`;
+    ${problem && html`<${ProblemNote} problem=${problem} what="The journal" />`}`;
 }

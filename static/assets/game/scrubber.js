@@ -1,11 +1,13 @@
 // The curve of the score, on which a click goes to a round.
 import { html, useMemo, useState } from "../ui.js";
-import { extent, short } from "../parts/chart.js";
+import { extent, short, stepPath } from "../parts/chart.js";
 import { useLoaded } from "../parts/load.js";
 import { isLive } from "../parts/game.js";
+import { WorthCurve } from "../parts/worth.js";
 import { MARKS, inWords, isShort } from "./marks.js";
 
 /** @import { Game } from "../parts/game.js" */
+/** @import { Decision, Worth } from "../parts/worth.js" */
 
 const [WIDTH, HEIGHT] = [1000, 60];
 
@@ -37,9 +39,10 @@ function usePoints(game, count) {
 }
 
 /**
- * @param {{game: Game, count: number, round: number, onGo: (round: number) => void}} props
+ * @param {{game: Game, count: number, round: number, worth: Worth | null, isExpected: boolean, decisions: Decision[], onGo: (round: number) => void}} props
+ *   `isExpected`: the worth may come yet; `decisions` lost most
  */
-export function Scrubber({ game, count, round, onGo }) {
+export function Scrubber({ game, count, round, worth, isExpected, decisions, onGo }) {
   const [hovered, setHovered] = useState(/** @type {number | null} */ (null));
   const points = usePoints(game, count);
   const [first, last] = [game.first, Math.max(game.last, game.first + 1)];
@@ -49,24 +52,25 @@ export function Scrubber({ game, count, round, onGo }) {
   const roundAt = (event) => {
     const box = /** @type {Element} */ (event.currentTarget).getBoundingClientRect();
     const at = first + ((event.clientX - box.left) / box.width) * (last - first);
-    const marks = [...columns.values()].flat().map(({ round }) => round);
+    const marks = [...columns.values(), decisions].flat().map(({ round }) => round);
     const near = marks.find((mark) => Math.abs(x(mark) - x(at)) * box.width < 5);
     return Math.min(Math.max(near ?? Math.round(at), first), game.last);
   };
-  const scoreNow = game.peek(round)?.score;
+  const pointer = {
+    onClick: (/** @type {MouseEvent} */ event) => onGo(roundAt(event)),
+    onMouseMove: (/** @type {MouseEvent} */ event) => setHovered(roundAt(event)),
+    onMouseLeave: () => setHovered(null),
+  };
+  /** @param {number} at */
+  const numbers = (at) => `${game.peek(at) ? `, score ${short(game.peek(at)?.score)}` : ""}${worth?.values?.[at] !== undefined ? `, worth ${short(worth.values[at])}` : ""}`;
   return html`<div class="scrubber">
-    <div
-      class="curve"
-      onClick=${(/** @type {MouseEvent} */ event) => onGo(roundAt(event))}
-      onMouseMove=${(/** @type {MouseEvent} */ event) => setHovered(roundAt(event))}
-      onMouseLeave=${() => setHovered(null)}
-    >
+    <div class="curve" ...${pointer}>
       <${Curve} points=${points} x=${x} at=${round} />
       ${[...columns].map(([row, marks]) => html`<div class=${`marks ${row}`} aria-hidden="true">
         ${marks.map(({ round, mark }) => html`<span class=${MARKS[mark].kind} style=${{ left: `${x(round) * 100}%` }}>${MARKS[mark].sign}</span>`)}
       </div>`)}
       ${hovered !== null && html`<div class="hovered" style=${x(hovered) < 0.5 ? { left: `${x(hovered) * 100}%` } : { right: `${(1 - x(hovered)) * 100}%` }}>
-        round ${hovered}${game.peek(hovered) && `, score ${short(game.peek(hovered)?.score)}`}${game.marks.has(hovered) && `: ${inWords(game.marks.get(hovered))}`}
+        round ${hovered}${numbers(hovered)}${game.marks.has(hovered) && `: ${inWords(game.marks.get(hovered))}`}
       </div>`}
     </div>
     <input
@@ -75,9 +79,12 @@ export function Scrubber({ game, count, round, onGo }) {
       max=${game.last}
       value=${round}
       aria-label="Round"
-      aria-valuetext=${`round ${round} of ${game.last}, score ${short(scoreNow)}`}
+      aria-valuetext=${`round ${round} of ${game.last}${numbers(round)}`}
       onInput=${(/** @type {any} */ event) => onGo(Number(event.currentTarget.value))}
     />
+    ${(isExpected || worth?.values) && html`<div class="curve future" ...${pointer}>
+      ${worth ? html`<${WorthCurve} worth=${worth} points=${points} first=${first} last=${last} x=${x} at=${round} decisions=${decisions} />` : html`<span class="low" role="status">Working out what could still be scored …</span>`}
+    </div>`}
     ${!isShort(game) && html`<p class="muted small">A long game: marks are shown where it was read. “Next mark” reads on.</p>`}
   </div>`;
 }
@@ -86,10 +93,7 @@ export function Scrubber({ game, count, round, onGo }) {
 function Curve({ points, x, at }) {
   const [low, high] = extent(points.map(([, score]) => score));
   const y = (/** @type {number} */ score) => HEIGHT - 4 - ((score - low) / (high - low)) * (HEIGHT - 8);
-  const path = useMemo(
-    () => points.map(([round, score], index) => `${index ? `H${(x(round) * WIDTH).toFixed(1)}V` : `M${(x(round) * WIDTH).toFixed(1)} `}${y(score).toFixed(1)}`).join(""),
-    [points],
-  );
+  const path = useMemo(() => stepPath(points, (round) => x(round) * WIDTH, y), [points]);
   const isFlat = points.length > 0 && points.every(([, score]) => score === points[0][1]);
   return html`<svg viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} preserveAspectRatio="none" aria-hidden="true">
       <path class="score" d=${path} />

@@ -5,6 +5,7 @@ import { isLive, useChanges, useMoment } from "../parts/game.js";
 import { GameMap } from "../parts/map.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Legend } from "../parts/shapes.js";
+import { BarLegend, LossList, Missing, PlayOn, WithBar, agentOf, sharesInWords, sharesOf, useLine, useLosses, useWorth } from "../parts/worth.js";
 import { AgentChooser, AgentPanel } from "./agent.js";
 import { KeyHelp, useKeys } from "./keys.js";
 import { findMark, inWords, useAllMarks } from "./marks.js";
@@ -15,6 +16,7 @@ import { AgentTable, AllWindows, Messages } from "./round.js";
 import { Scrubber } from "./scrubber.js";
 
 /** @import { Game, State } from "../parts/game.js" */
+/** @import { Decision, Shares } from "../parts/worth.js" */
 
 /** The pause at a round before it is announced: passing rounds are not. */
 const ANNOUNCE_MS = 500;
@@ -37,6 +39,9 @@ export function Viewer({ game, onLink, onCompare, onFork, children }) {
   const agent = Math.min(place.agent ?? 0, game.head.num_agents - 1);
   const { state, next, problem } = useMoment(game, round);
   useAllMarks(game);
+  const { worth, isExpected } = useWorth(game);
+  const losses = useLosses(game, worth);
+  const line = useLine(game, round);
 
   const go = useCallback((/** @type {number} */ to) => move({ round: Math.min(Math.max(to, game.first), game.last) }), [game]);
   const playback = usePlayback(game, round, go);
@@ -46,6 +51,11 @@ export function Viewer({ game, onLink, onCompare, onFork, children }) {
     go(to);
   };
   const choose = (/** @type {number} */ agent) => move({ agent });
+  /** @param {Decision} decision */
+  const show = (decision) => {
+    playback.stop();
+    move({ round: decision.round, agent: agentOf(decision) });
+  };
   const toMark = async (/** @type {1 | -1} */ direction) => {
     const found = await findMark(game, round, direction).catch(() => null);
     if (found !== null) jump(found);
@@ -81,18 +91,26 @@ export function Viewer({ game, onLink, onCompare, onFork, children }) {
 
   if (!state) return problem ? html`<${ProblemNote} problem=${problem} />` : html`<p class="muted" role="status">Loading …</p>`;
   const common = { head: game.head, state, next, agent, onChoose: choose };
-  const summary = sentence(state, next);
+  const shares = sharesOf(worth, state);
+  const lost = losses.decisions.filter((decision) => decision.round === state.round);
+  const summary = sentence(state, next, shares, lost);
   // Nothing can be played after the last round of a complete game.
   const isOver = game.head.status === "finished" && round >= game.head.rounds;
   return html`
     ${problem && html`<${ProblemNote} problem=${problem} />`}
     <div class=${shows.large ? "stage large" : "stage"} aria-busy=${state.round !== round}>
       <div class="map-side">
-        <${GameMap} ...${common} messages=${shows.messages} label=${`Map. ${summary}`} />
+        <${WithBar} shares=${shares} isExpected=${isExpected || worth?.values}>
+          <${GameMap} ...${common} messages=${shows.messages} ringed=${new Set(lost.map(agentOf))} ghosts=${line.ghosts} label=${`Map. ${summary}`} />
+        <//>
       </div>
       <div class="time-side">
         <${Controls} game=${game} round=${round} state=${state} next=${next} playback=${playback} isFollowing=${isFollowing} onGo=${jump} onMark=${toMark} onFollow=${live ? follow : null} onHelp=${() => help.current?.showModal()} />
-        <${Scrubber} game=${game} count=${count} round=${round} onGo=${jump} />
+        <${Scrubber} game=${game} count=${count} round=${round} worth=${worth} isExpected=${isExpected} decisions=${losses.decisions} onGo=${jump} />
+        <${Missing} worth=${worth} part="values" />
+        <${BarLegend} shares=${shares} />
+        ${worth?.values && game.line && !isOver && html`<${PlayOn} line=${line} agent=${agent} />`}
+        ${worth?.values && html`<${LossList} worth=${worth} losses=${losses} round=${round} onShow=${show} />`}
       </div>
       <div class="agent-side">
         <${AgentChooser} head=${game.head} agent=${agent} onChoose=${choose} />
@@ -154,8 +172,8 @@ function Controls({ game, round, state, next, playback, isFollowing, onGo, onMar
   </div>`;
 }
 
-/** A moment in a sentence. @param {State} state @param {State | null} next */
-function sentence(state, next) {
+/** A moment in a sentence. @param {State} state @param {State | null} next @param {Shares | null} shares @param {Decision[]} lost */
+function sentence(state, next, shares, lost) {
   const parts = [`Round ${state.round}. Score ${short(state.score)}.`];
   /** @param {number[] | undefined} agents @param {string} what */
   const say = (agents, what) => agents?.length && parts.push(`${agents.length === 1 ? "Agent" : "Agents"} ${agents.slice(0, 12).join(", ")}${agents.length > 12 ? " and more" : ""} ${what}.`);
@@ -163,6 +181,8 @@ function sentence(state, next) {
   say(next?.pushed, "pushed");
   say(next?.invalid, "answered invalidly");
   say(next?.timeouts, "out of time");
+  if (shares) parts.push(`Of what could be scored: ${sharesInWords(shares)}`);
+  for (const { words, loss } of lost) parts.push(`${words}: ${short(loss)} lost.`);
   return parts.join(" ");
 }
 

@@ -1,5 +1,5 @@
 // The page of a game, while it runs and after its end; also of imported games.
-import { html, useEffect, useState } from "../ui.js";
+import { html, useEffect, useRef, useState } from "../ui.js";
 import { route, withQuery } from "../api.js";
 import { isLive, openGame, useChanges } from "../parts/game.js";
 import { HiddenGame } from "../parts/served.js";
@@ -7,7 +7,6 @@ import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 import { Actions, Facts, Seats, Verify } from "../game/about.js";
 import { copy } from "../game/save.js";
-import { Forked, useFork } from "../play/fork.js";
 import { Notices, Title, titleOf } from "../game/title.js";
 import { Viewer } from "../game/viewer.js";
 
@@ -67,9 +66,40 @@ function ServedGame({ game, embedded }) {
     <${Viewer} game=${game} onLink=${embedded ? undefined : saveLink} onCompare=${embedded || game.kind === "imports" ? undefined : compare} onFork=${embedded || game.kind === "imports" ? undefined : fork.play}>
       ${embedded
         ? html`<p><a href=${route`/episodes/${game.head.id}`} target="_blank" rel="noopener">The whole page of this game</a></p>`
-        : html`<${LinkNote} link=${link} /><${Forked} fork=${fork.fork} problem=${fork.problem} /><${Actions} game=${game} /><${Verify} game=${game} /><${Seats} game=${game} /><${Facts} game=${game} />`}
+        : html`<${LinkNote} link=${link} />${fork.made}<${Actions} game=${game} />${game.kind === "episodes" && html`<${Elsewhere} game=${game} />`}<${Verify} game=${game} /><${Seats} game=${game} /><${Facts} game=${game} />`}
     <//>
   </div>`;
+}
+
+/** Makes one fork at a time of a game, and shows it. What does so is read when it is used. @param {string} id */
+function useFork(id) {
+  const [made, setMade] = useState(/** @type {unknown} */ (null));
+  const isBusy = useRef(false);
+  /** @param {number} round */
+  const play = async (round) => {
+    if (isBusy.current) return;
+    isBusy.current = true;
+    setMade(null);
+    try {
+      const { Forked, madeFork } = await import("../play/fork.js");
+      setMade(html`<${Forked} ...${await madeFork(id, round)} />`);
+    } catch (problem) {
+      setMade(html`<${ProblemNote} problem=${problem} what="The new game" />`);
+    }
+    isBusy.current = false;
+  };
+  return { made, play };
+}
+
+/** Commands for other places, which are read when they are opened. @param {{game: Game}} props */
+function Elsewhere({ game: { head, summary } }) {
+  const [isOpen, setOpen] = useState(false);
+  const { value, problem, reload } = useLoaded(async () => (isOpen ? import("../game/commands.js") : null), [isOpen]);
+  return html`<details onToggle=${() => setOpen(true)}>
+    <summary>Commands: animation, one file, check on your own machine</summary>
+    ${problem && html`<${ProblemNote} problem=${problem} retry=${reload} />`}
+    ${value && html`<${value.GameCommands} id=${head.id} mayEmbed=${summary.config?.visibility === "public" || !isLive(head)} />`}
+  </details>`;
 }
 
 /** Says that the link was copied, or shows the link if the browser forbids copying. @param {{link: {moment: string, isCopied: boolean} | null}} props */

@@ -5,7 +5,7 @@ import { canvasColor, cssValue } from "./colors.js";
 import { choose } from "./pick.js";
 
 /** @import { Head, State } from "./game.js" */
-/** @import { MapProps } from "./map.js" */
+/** @import { Ghost, MapProps } from "./map.js" */
 
 /** The longer side in pixels, which the page scales. */
 const SIDE_PX = 1280;
@@ -19,7 +19,7 @@ const AGENT_MIN_PX = 9;
 /** @typedef {{context: CanvasRenderingContext2D, cell: number}} Brush */
 
 /** @param {MapProps} props */
-export function CanvasMap({ head, state, next, agent = null, onChoose, arrows = true, messages = true, marks, label }) {
+export function CanvasMap({ head, state, next, agent = null, onChoose, arrows = true, messages = true, marks, ringed, ghosts, label }) {
   const canvas = useRef(/** @type {HTMLCanvasElement | null} */ (null));
   const cell = Math.max(2, Math.floor(SIDE_PX / Math.max(head.width, head.height)));
   const isDark = useDark();
@@ -35,6 +35,8 @@ export function CanvasMap({ head, state, next, agent = null, onChoose, arrows = 
     drawAgents(brush, head, state, marks);
     if (arrows && cell >= DETAIL_PX) drawArrows(brush, head, state, next);
     if (agent !== null && !state.gone?.includes(agent)) drawChosen(brush, head, state, agent);
+    for (const n of ringed ?? []) drawRing(brush, state, n);
+    if (ghosts) drawGhosts(brush, head, state, ghosts, agent);
   });
 
   return html`<canvas
@@ -174,4 +176,41 @@ function drawChosen({ context, cell }, head, state, agent) {
   context.setLineDash([6, 4]);
   outline(context, x, y, head.view_size * cell, "--ink");
   context.setLineDash([]);
+}
+
+/** @param {Brush} brush @param {{at: number[]}} state @param {number} agent @returns {[number, number]} */
+const centre = ({ cell }, state, agent) => [(state.at[2 * agent + 1] + 0.5) * cell, (state.at[2 * agent] + 0.5) * cell];
+
+/** The ring of an agent whose decision lost much. @param {Brush} brush @param {State} state @param {number} agent */
+function drawRing(brush, state, agent) {
+  const { context, cell } = brush;
+  const [x, y] = centre(brush, state, agent);
+  const radius = Math.max(cell, 14);
+  context.fillStyle = context.strokeStyle = cssValue("--bad");
+  context.lineWidth = 3;
+  context.beginPath();
+  context.arc(x, y, radius, 0, 2 * Math.PI);
+  context.stroke();
+  context.font = `600 ${Math.round(radius * 1.2)}px sans-serif`;
+  context.fillText("?", x + radius, y - radius);
+}
+
+/** Ways of agents through later rounds, and their last places; of the chosen one every place. @param {Brush} brush @param {Head} head @param {State} state @param {Ghost[]} ghosts @param {number | null} agent */
+function drawGhosts(brush, head, state, ghosts, agent) {
+  const { context, cell } = brush;
+  const side = Math.max(cell * 0.8, AGENT_MIN_PX);
+  context.globalAlpha = 0.7;
+  context.setLineDash([4, 3]);
+  context.lineWidth = Math.max(1, cell / 10);
+  for (let n = 0; n < head.num_agents; n++) {
+    if (state.gone?.includes(n)) continue;
+    const way = [state, ...ghosts.filter(({ gone }) => !gone.includes(n))].map((step) => centre(brush, step, n));
+    context.strokeStyle = canvasColor(n);
+    context.beginPath();
+    for (const [x, y] of way) context.lineTo(x, y);
+    context.stroke();
+    for (const [x, y] of way.slice(n === agent ? 1 : -1)) context.strokeRect(x - side / 2, y - side / 2, side, side);
+  }
+  context.setLineDash([]);
+  context.globalAlpha = 1;
 }

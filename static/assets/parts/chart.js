@@ -23,6 +23,14 @@ export function linePath(values, x, y) {
 }
 
 /**
+ * The path of a line in steps: a value stays until the next one.
+ * @param {[number, number][]} points
+ * @param {(at: number) => number} x
+ * @param {(value: number) => number} y
+ */
+export const stepPath = (points, x, y) => points.map(([at, value], index) => `${index ? "H" : "M"}${x(at).toFixed(1)}${index ? "V" : " "}${y(value).toFixed(1)}`).join("");
+
+/**
  * Lowest and highest of values, never equal.
  * @param {(number | null | undefined)[]} values
  * @returns {[number, number]}

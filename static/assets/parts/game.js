@@ -3,6 +3,8 @@
 import { useEffect, useState } from "../ui.js";
 import { ServedGame } from "./served.js";
 
+/** @import { Worth } from "./worth.js" */
+
 /**
  * @typedef {object} Head what does not change from round to round
  * @property {string} id
@@ -42,6 +44,8 @@ import { ServedGame } from "./served.js";
  * @typedef {{from: number, states: State[], metrics: Record<string, (number | null)[]>}} Piece states of one page
  * @typedef {{rounds: number, every: number, first?: number, scores: number[]}} Scores `first`: the round of the first one, if not 0
  *
+ * @typedef {{round: number, rounds: {score: number, agents: {action: string | null, at: [number, number], alive: boolean}[]}[]}} Line
+ *
  * @typedef {object} Game
  * @property {"episodes" | "imports" | "file"} kind
  * @property {Head} head
@@ -55,6 +59,8 @@ import { ServedGame } from "./served.js";
  * @property {(round: number) => Promise<State>} load
  * @property {(round: number, agent: number, signal?: AbortSignal) => Promise<any>} act
  * @property {() => Promise<Scores>} scores
+ * @property {(seats: boolean, signal: AbortSignal) => Promise<Worth | null>} worth what could still be scored; with `seats` what each lost
+ * @property {(round: number, signal: AbortSignal) => Promise<Line>} [line] how the reference would play on
  * @property {(listener: () => void) => () => void} subscribe calls back when something was read; returns what ends that
  * @property {(signal: AbortSignal) => Promise<void>} follow reads what is new until the game ends
  */

@@ -16,6 +16,8 @@ const AGENTS_MAX = 160;
 const LINES_MAX = 600;
 
 /**
+ * @typedef {{at: number[], gone: number[]}} Ghost agents in a round that was not played
+ *
  * @typedef {object} MapProps
  * @property {Head} head
  * @property {State} state the world that is shown
@@ -25,6 +27,8 @@ const LINES_MAX = 600;
  * @property {boolean} [arrows]
  * @property {boolean} [messages]
  * @property {Set<number>} [marks] agents that are marked as different
+ * @property {Set<number>} [ringed] agents whose decisions lost most
+ * @property {Ghost[]} [ghosts] later rounds that are outlined
  * @property {string} label
  */
 
@@ -35,7 +39,7 @@ export function GameMap(props) {
 }
 
 /** @param {MapProps} props */
-function SvgMap({ head, state, next, agent = null, onChoose, arrows = true, messages = true, marks, label }) {
+function SvgMap({ head, state, next, agent = null, onChoose, arrows = true, messages = true, marks, ringed, ghosts, label }) {
   const ground = useMemo(() => head.ground.flatMap((row, i) => [...row].map((symbol, j) => shapeAt(symbol, i, j))), [head.ground]);
   const [w, h] = [head.width * CELL, head.height * CELL];
   const numbers = Array.from({ length: head.num_agents }, (_, n) => n).filter((n) => !state.gone?.includes(n));
@@ -61,9 +65,11 @@ function SvgMap({ head, state, next, agent = null, onChoose, arrows = true, mess
           isHollow=${state.lit && !state.lit.includes(n)}
           isChosen=${n === agent}
           isDifferent=${marks?.has(n)}
+          isRinged=${ringed?.has(n)}
         />
       </g>`;
     })}
+    ${ghosts && numbers.map((n) => ghostOf(state, ghosts, n, n === agent))}
   </svg>`;
 }
 
@@ -75,7 +81,7 @@ function lattice(width, height) {
   return path;
 }
 
-/** @param {State} state @param {number} agent @returns {[number, number]} */
+/** @param {{at: number[]}} state @param {number} agent @returns {[number, number]} */
 const centre = (state, agent) => [(state.at[2 * agent + 1] + 0.5) * CELL, (state.at[2 * agent] + 0.5) * CELL];
 
 /** @param {Head} head @param {State} state */
@@ -103,6 +109,18 @@ function arrowOf(next, agent) {
   const angle = (Math.atan2(di, dj) * 180) / Math.PI;
   return html`<g class=${isBlocked ? "arrow blocked" : "arrow"} transform=${`rotate(${angle})`}>
     <path d=${isBlocked ? "M8 0H13M10 -3L13 0L10 3M14 -4V4" : "M8 0H15M11.5 -3.5L15 0L11.5 3.5"} stroke=${isBlocked ? undefined : color(agent)} />
+  </g>`;
+}
+
+/** The way of an agent through later rounds, and its last place; of the chosen one every place, with the number of rounds. @param {State} state @param {Ghost[]} ghosts @param {number} agent @param {boolean} isChosen */
+function ghostOf(state, ghosts, agent, isChosen) {
+  const steps = ghosts.filter(({ gone }) => !gone.includes(agent));
+  const way = [state, ...steps].map((step) => centre(step, agent));
+  return html`<g key=${`g${agent}`} class="ghost">
+    <path d=${`M${way.join("L")}`} stroke=${color(agent)} />
+    ${way.slice(isChosen ? 1 : -1).map(([x, y], step) => html`<g transform=${`translate(${x} ${y})`}>
+      <circle r="7" stroke=${color(agent)} /><text class="name hollow" y="3" font-size="8">${isChosen ? `+${step + 1}` : agent}</text>
+    </g>`)}
   </g>`;
 }
 

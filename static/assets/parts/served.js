@@ -16,6 +16,9 @@ const ACTS_MAX = 64;
 /** The number of points of the score curve. */
 const SCORE_POINTS = 400;
 
+/** The number of rounds that the reference plays on. */
+const LINE_ROUNDS = 10;
+
 /** The interval between reads of a running game. */
 const LIVE_PAUSE_MS = 500;
 
@@ -188,6 +191,16 @@ export class ServedGame {
 
   scores() {
     return this.get(withQuery("/scores", { points: SCORE_POINTS }));
+  }
+
+  /** @param {boolean} seats @param {AbortSignal} signal */
+  worth(seats, signal) {
+    return this.get(withQuery("/worth", { seats }), signal);
+  }
+
+  /** @param {number} round @param {AbortSignal} signal */
+  line(round, signal) {
+    return this.get(withQuery("/line", { round, rounds: LINE_ROUNDS }), signal);
   }
 
   /** @param {AbortSignal} signal */

@@ -27,14 +27,16 @@ export function shapeAt(symbol, i, j) {
 /**
  * An agent with its number, around (0, 0). `isMarked` is a light that is on or food that is carried; `isHollow` a light
  * that is off.
- * @param {{agent: number, label?: string, isMarked?: boolean, isHollow?: boolean, isChosen?: boolean, isDifferent?: boolean}} props
+ * @param {{agent: number, label?: string, isMarked?: boolean, isHollow?: boolean, isChosen?: boolean, isDifferent?: boolean,
+ *   isRinged?: boolean}} props
  */
-export function AgentShape({ agent, label = String(agent), isMarked, isHollow, isChosen, isDifferent }) {
+export function AgentShape({ agent, label = String(agent), isMarked, isHollow, isChosen, isDifferent, isRinged }) {
   return html`
     ${isDifferent && html`<rect class="different" x="-9.5" y="-9.5" width="19" height="19" />`}
     ${isMarked && html`<circle class="halo" r="9" stroke=${color(agent)} />`}
     <circle class=${isHollow ? "body hollow" : "body"} r="7" fill=${isHollow ? undefined : color(agent)} stroke=${color(agent)} />
     ${isChosen && html`<circle class="chosen" r="9.5" />`}
+    ${isRinged && html`<circle class="ring" r="12.5" /><text class="name ring-sign" x="13" y="-7" font-size="12">?</text>`}
     <text class=${isHollow ? "name hollow" : "name"} y="3.2" font-size=${label.length > 2 ? 6 : 9}>${label}</text>
   `;
 }

@@ -1,5 +1,5 @@
 // Forks a game from the round on the page: a new game begins with that state.
-import { html, useEffect, useRef, useState } from "../ui.js";
+import { html, useEffect, useRef } from "../ui.js";
 import { visit } from "../app.js";
 import { remember, request, route } from "../api.js";
 import { Secret } from "../parts/copy.js";
@@ -7,25 +7,18 @@ import { HUMAN, Refused, onceKey, playerName } from "./player.js";
 
 /** @typedef {{id: string, round: number, token: string}} Fork */
 
-/** Makes one fork at a time of a game. @param {string} id */
-export function useFork(id) {
-  const [state, setState] = useState(/** @type {{isBusy?: boolean, fork?: Fork, problem?: Error}} */ ({}));
-  /** @param {number} round */
-  const play = async (round) => {
-    if (state.isBusy) return;
-    setState({ isBusy: true });
-    try {
-      const body = { round, model: playerName(), agent_meta: { ...HUMAN, seats: "all" } };
-      const made = await request(route`/api/v1/episodes/${id}/fork`, { method: "POST", body, idempotencyKey: onceKey() });
-      const [{ id: fork, swarm_token: token }] = made.episodes;
-      remember(`creator:${fork}`, token);
-      remember(`token:${fork}`, token);
-      setState({ fork: { id: fork, round, token } });
-    } catch (problem) {
-      setState({ problem: /** @type {Error} */ (problem) });
-    }
-  };
-  return { ...state, play };
+/** Makes a fork of a game. @param {string} id @param {number} round @returns {Promise<{fork?: Fork, problem?: Error}>} */
+export async function madeFork(id, round) {
+  try {
+    const body = { round, model: playerName(), agent_meta: { ...HUMAN, seats: "all" } };
+    const made = await request(route`/api/v1/episodes/${id}/fork`, { method: "POST", body, idempotencyKey: onceKey() });
+    const [{ id: fork, swarm_token: token }] = made.episodes;
+    remember(`creator:${fork}`, token);
+    remember(`token:${fork}`, token);
+    return { fork: { id: fork, round, token } };
+  } catch (problem) {
+    return { problem: /** @type {Error} */ (problem) };
+  }
 }
 
 /** The game that was made, or why it was not. @param {{fork?: Fork, problem?: Error}} props */
