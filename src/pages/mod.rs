@@ -81,7 +81,8 @@ fn is_script(name: &str) -> bool {
     matches!(name.rsplit_once('.'), Some((_, "js")))
 }
 
-/// Empties the lines of a script that are comments, a fifth of the bytes of a first visit. Line numbers stay the same.
+/// Empties the lines of a script that are comments, and leaves out types within lines: a fifth of the bytes of a first visit.
+/// Line numbers stay the same.
 fn without_comments(script: &str) -> String {
     let mut kept = String::with_capacity(script.len());
     let mut in_comment = false;
@@ -90,7 +91,7 @@ fn without_comments(script: &str) -> String {
         let begins =
             text.starts_with("/**") && text.find("*/").is_none_or(|end| end + 2 == text.len());
         if !(in_comment || begins || text.starts_with("// ")) {
-            kept.push_str(line);
+            push_without_types(&mut kept, line);
         }
         if in_comment || begins {
             in_comment = !text.ends_with("*/");
@@ -98,6 +99,16 @@ fn without_comments(script: &str) -> String {
         kept.push('\n');
     }
     kept
+}
+
+/// Appends a line of a script without comments such as `/** @type {number} */`.
+fn push_without_types(kept: &mut String, mut line: &str) {
+    while let Some((code, rest)) = line.split_once("/** @type ") {
+        let Some((_, after)) = rest.split_once("*/") else { break };
+        kept.push_str(code);
+        line = after.strip_prefix(' ').unwrap_or(after);
+    }
+    kept.push_str(line);
 }
 
 fn compress(plain: &[u8]) -> Bytes {
@@ -129,8 +140,8 @@ mod tests {
     #[test]
     fn comments_are_left_out_of_scripts_and_lines_keep_their_numbers() {
         let script = "// What it is.\n/**\n * @param {number} a\n */\nlet a = 1; // one\n  /** b */\n\
-            /** @type {any} */ (a);\nlet c = \"// \";\n";
-        let kept = "\n\n\n\nlet a = 1; // one\n\n/** @type {any} */ (a);\nlet c = \"// \";\n";
+            /** @type {any} */ (a);\nlet c = \"// \";\nf((/** @type {{b: any}} */ d) => /** @type {E} */ (d));\n";
+        let kept = "\n\n\n\nlet a = 1; // one\n\n(a);\nlet c = \"// \";\nf((d) => (d));\n";
         assert_eq!(without_comments(script), kept);
     }
 }

@@ -11,6 +11,9 @@ const AXE = await readFile(new URL("../node_modules/axe-core/axe.min.js", import
 /** The tolerance of a page's width, for rounding. */
 const SLACK_PX = 1;
 
+/** The time in which the losses of all seats of a game are computed. */
+const LOSSES_MS = 90_000;
+
 const { visit } = suite({ keys: true }, full);
 
 /** @param {import("playwright-core").Page} page */
@@ -33,21 +36,39 @@ const tooWide = (page, slack) =>
     return `${scrollWidth} px of ${clientWidth}: ${names.slice(0, 5).join(" | ")}`;
   }, slack);
 
+/** @param {import("playwright-core").Page} page @param {string} name */
+async function everybodyReads(page, name) {
+  await page.evaluate(AXE);
+  for (const [size, viewport] of Object.entries({ WIDE, NARROW })) {
+    await page.setViewportSize(viewport);
+    for (const colorScheme of /** @type {const} */ (["light", "dark"])) {
+      await page.emulateMedia({ colorScheme });
+      assert.equal(await violations(page), "", `${name}, ${size}, ${colorScheme}`);
+    }
+  }
+  assert.equal(await tooWide(page, SLACK_PX), "", name);
+}
+
+visit(
+  "what decisions lost, and how the reference would play on: everybody can read it",
+  async ({ page }, { data }) => {
+    await open(page, `/episodes/${data.second}#r=3`);
+    await page.getByText("What decisions lost").click();
+    await page.locator(".losses").getByRole("listitem").first().waitFor({ timeout: LOSSES_MS });
+    await page.getByRole("button", { name: "Play on from here as the reference would" }).click();
+    await page.getByText("The outlines are its next").waitFor();
+    await everybodyReads(page, "losses");
+  },
+  { bypassCSP: true },
+);
+
 for (const { name, address, needsKey } of PLACES) {
   visit(
     `${name}: everybody can read it`,
     async ({ page, watch }, { data }) => {
       watch.expect(...expectedAt(name));
       await open(page, address(data));
-      await page.evaluate(AXE);
-      for (const [size, viewport] of Object.entries({ WIDE, NARROW })) {
-        await page.setViewportSize(viewport);
-        for (const colorScheme of /** @type {const} */ (["light", "dark"])) {
-          await page.emulateMedia({ colorScheme });
-          assert.equal(await violations(page), "", `${name}, ${size}, ${colorScheme}`);
-        }
-      }
-      assert.equal(await tooWide(page, SLACK_PX), "", name);
+      await everybodyReads(page, name);
     },
     // axe-core measures with styles of its own, which the policy of the pages refuses.
     { asOrganizer: needsKey, bypassCSP: true },

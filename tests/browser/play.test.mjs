@@ -8,7 +8,7 @@ const { visit } = suite({ keys: true }, async (program) => program);
 const AS = { asOrganizer: true };
 
 /** Routes whose answers have more than an agent may know. */
-const BEYOND = /\/(state|events|replay|journal|metrics|scores|rounds)\b/;
+const BEYOND = /\/(state|events|replay|journal|metrics|scores|rounds|worth|line)\b/;
 
 /** @param {import("playwright-core").Page} page */
 async function begin(page) {

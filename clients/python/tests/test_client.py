@@ -236,6 +236,8 @@ def test_events_of_an_episode(checked: Checked) -> None:
     assert not differences(events[0].data, wire.RoundEvent)
     assert not differences(events[-1].data, wire.EpisodeResult)
     assert checked.metrics(created["id"], series=True)["rounds"] == 2
+    assert not checked.worth(created["id"])["missing"]
+    assert [round["round"] for round in checked.line(created["id"], round=1)["rounds"]] == [1]
     replay = checked.replay(created["id"], from_=1, rounds=1, ground=False)
     assert [state["round"] for state in replay["states"]] == [1, 2]
     act = checked.agent_round(created["id"], 1, "Agent_0")

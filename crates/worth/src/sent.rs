@@ -94,7 +94,7 @@ fn of_seats(game: &Game, losses: &[Vec<f64>]) -> BTreeMap<String, SeatLoss> {
     let lost = |agent| of(agent).map(|loss| loss.max(0.0)).sum::<f64>();
     let all: f64 = game.layout.agents().map(lost).sum();
     let seat = |agent: AgentId| {
-        let gained = of(agent).map(|loss| (-loss).max(0.0)).sum();
+        let gained = 0.0 + of(agent).map(|loss| 0.0_f64.max(-loss)).sum::<f64>();
         let share = (all > 0.0).then(|| lost(agent) / all);
         (agent.to_string(), SeatLoss { lost: lost(agent), gained, share })
     };
@@ -108,7 +108,7 @@ fn of_kinds(kinds: &[Vec<Option<Kind>>], losses: &[Vec<f64>]) -> BTreeMap<String
         if let Some(sum) = kind.and_then(|kind| sums.get_mut(kind.name())) {
             sum.decisions += 1;
             sum.lost += loss.max(0.0);
-            sum.gained += (-loss).max(0.0);
+            sum.gained += 0.0_f64.max(-loss);
         }
     }
     sums

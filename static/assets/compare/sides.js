@@ -5,6 +5,7 @@ import { short } from "../parts/chart.js";
 import { color } from "../parts/colors.js";
 import { GameMap } from "../parts/map.js";
 import { Text } from "../parts/text.js";
+import { BarLegend, WithBar, sharesOf } from "../parts/worth.js";
 import { pageOf, saidBy } from "./pair.js";
 
 /** The number of agents listed at first. */
@@ -14,12 +15,13 @@ const LISTED = 30;
 const SETTINGS = ["seed", "rules", "num_agents", "width", "height", "view_size", "memory", "max_round", "control", "noise", "max_delay", "round_deadline_s", "bank_s", "prompt_template"];
 
 /**
- * @param {{name: string, game: import("../parts/game.js").Game, moment: any, round: number, agent: number,
- *   marks: Set<number>, messages: boolean, onChoose: (agent: number) => void}} props
+ * @param {{name: string, game: import("../parts/game.js").Game, moment: any, worth: import("../parts/worth.js").Appraisal,
+ *   round: number, agent: number, marks: Set<number>, messages: boolean, onChoose: (agent: number) => void}} props
  */
-export function Side({ name, game, moment, round, agent, marks, messages, onChoose }) {
+export function Side({ name, game, moment, worth: { worth, isExpected }, round, agent, marks, messages, onChoose }) {
   const { head, summary } = game;
   const { state, next } = moment;
+  const shares = sharesOf(worth, state);
   const hasEnded = round > state.round;
   return html`<section aria-label=${`Game ${name}`}>
     <h2>
@@ -30,16 +32,19 @@ export function Side({ name, game, moment, round, agent, marks, messages, onChoo
       Score <strong>${short(state.score)}</strong>
       ${hasEnded && html` <span class="badge">${["waiting", "running"].includes(head.status) ? "not played yet" : `over after round ${game.last}`}</span>`}
     </p>
-    <${GameMap}
-      head=${head}
-      state=${state}
-      next=${next}
-      agent=${agent < head.num_agents ? agent : null}
-      messages=${messages}
-      marks=${marks}
-      onChoose=${onChoose}
-      label=${`Map of game ${name} in round ${state.round}`}
-    />
+    <${WithBar} shares=${shares} isExpected=${isExpected || worth?.values}>
+      <${GameMap}
+        head=${head}
+        state=${state}
+        next=${next}
+        agent=${agent < head.num_agents ? agent : null}
+        messages=${messages}
+        marks=${marks}
+        onChoose=${onChoose}
+        label=${`Map of game ${name} in round ${state.round}`}
+      />
+    <//>
+    <${BarLegend} shares=${shares} />
   </section>`;
 }
 

@@ -51,6 +51,10 @@ export function Viewer({ game, onLink, onCompare, onFork, children }) {
     go(to);
   };
   const choose = (/** @type {number} */ agent) => move({ agent });
+  const playOn = () => {
+    playback.stop();
+    line.toggle();
+  };
   /** @param {Decision} decision */
   const show = (decision) => {
     playback.stop();
@@ -109,7 +113,7 @@ export function Viewer({ game, onLink, onCompare, onFork, children }) {
         <${Scrubber} game=${game} count=${count} round=${round} worth=${worth} isExpected=${isExpected} decisions=${losses.decisions} onGo=${jump} />
         <${Missing} worth=${worth} part="values" />
         <${BarLegend} shares=${shares} />
-        ${worth?.values && game.line && !isOver && html`<${PlayOn} line=${line} agent=${agent} />`}
+        ${worth?.values && game.line && !isOver && html`<${PlayOn} line=${line} agent=${agent} onToggle=${playOn} />`}
         ${worth?.values && html`<${LossList} worth=${worth} losses=${losses} round=${round} onShow=${show} />`}
       </div>
       <div class="agent-side">

@@ -14,6 +14,7 @@ import { isLive, useChanges, useMoment } from "../parts/game.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 import { short } from "../parts/chart.js";
+import { useWorth } from "../parts/worth.js";
 
 /** The pause at a round before it is announced. */
 const ANNOUNCE_MS = 500;
@@ -72,6 +73,7 @@ function InStep({ pair }) {
   const round = Math.min(place.round ?? 0, pair.last);
   const agents = Math.max(a.head.num_agents, b.head.num_agents);
   const agent = Math.min(place.agent ?? 0, agents - 1);
+  const worths = [useWorth(a), useWorth(b)];
   const moments = [useMoment(a, Math.min(round, a.last)), useMoment(b, Math.min(round, b.last))];
 
   const go = (/** @type {number} */ to) => move({ round: Math.min(Math.max(to, 0), pair.last) });
@@ -123,12 +125,12 @@ function InStep({ pair }) {
       ? html`<p class="notice">${why}: rounds and scores are compared, agents and places are not.</p>`
       : html`<${Parting} pair=${pair} isGroundSame=${sameGround(pair)} onFound=${setParting} onGo=${jump} />`}
     <div class="sides">
-      <${Side} name="A" game=${a} moment=${one} ...${side} />
-      <${Side} name="B" game=${b} moment=${other} ...${side} />
+      <${Side} name="A" game=${a} moment=${one} worth=${worths[0]} ...${side} />
+      <${Side} name="B" game=${b} moment=${other} worth=${worths[1]} ...${side} />
     </div>
     <${Controls} pair=${pair} round=${round} playback=${playback} canSeek=${!why} onGo=${jump} onSeek=${seek} onLink=${copyLink} onHelp=${() => help.current?.showModal()} />
     ${link && html`<p><label>The link to this moment <input readonly value=${link} /></label></p>`}
-    <${Scrubber} pair=${pair} round=${round} parting=${parting} isLive=${isLive(a.head) || isLive(b.head)} onGo=${jump} />
+    <${Scrubber} pair=${pair} worths=${worths} round=${round} parting=${parting} isLive=${isLive(a.head) || isLive(b.head)} onGo=${jump} />
     <${Announced} text=${sentence} />
     ${isCommon && html`<${AgentTable} round=${round} agent=${agent} agents=${found.agents} a=${one} b=${other} />`}
     <${Settings} a=${a.summary} b=${b.summary} />

@@ -21,6 +21,8 @@ import { Text } from "./text.js";
  *
  * @typedef {{scored: number, open: number, lost: number}} Shares `lost` is below 0 where the swarm found something better
  *
+ * @typedef {{worth: Worth | null, isExpected: boolean}} Appraisal `isExpected`: the worth may come yet
+ *
  * @typedef {{known: Worth | null, decisions: Decision[], problem: Error | null, reload: () => void, ask: () => void}} Losses
  */
 
@@ -48,7 +50,7 @@ function isForeseeable({ kind, head, summary: { config } }) {
 /**
  * The worth of a game's states without the losses of seats, which take long. A refusal shows nothing.
  * @param {Game} game
- * @returns {{worth: Worth | null, isExpected: boolean}} `isExpected`: it may come yet
+ * @returns {Appraisal}
  */
 export function useWorth(game) {
   const may = isForeseeable(game);
@@ -150,7 +152,7 @@ export function LossList({ worth, losses: { known, decisions, problem, reload, a
   return html`<details class="losses" onToggle=${(/** @type {any} */ event) => event.currentTarget.open && ask()}>
     <summary>What decisions lost</summary>
     <p class="muted small">
-      Worth is the score that the reference, <${Text} value=${worth.reference} />, reaches from a state on all seats. A decision lost what the worth would be higher had this agent alone done what the reference does.
+      The worth of a state is the score that the reference, <${Text} value=${worth.reference} />, reaches from it on all seats. A decision lost what the worth rises if this agent alone does what the reference would do.
       ${worth.reference_is_weak && " It is weak here: from the start it would have scored less than this game did."}
     </p>
     <p role="status">${problem || known ? (isEmpty ? "No decision lost anything." : "") : "Each decision is replaced by the reference’s. That takes up to a minute …"}</p>
@@ -181,11 +183,11 @@ export function useLine(game, round) {
   return { line, ghosts, problem: isAsked ? problem : null, isAsked, toggle: () => ask(isAsked ? -1 : round) };
 }
 
-/** @param {{line: ReturnType<typeof useLine>, agent: number}} props */
-export function PlayOn({ line: { line, problem, isAsked, toggle }, agent }) {
+/** @param {{line: ReturnType<typeof useLine>, agent: number, onToggle: () => void}} props */
+export function PlayOn({ line: { line, problem, isAsked }, agent, onToggle }) {
   const last = line?.rounds.at(-1);
   return html`<div class="play-on">
-    <button type="button" aria-pressed=${isAsked} onClick=${toggle}>Play on from here as the reference would</button>
+    <button type="button" aria-pressed=${isAsked} onClick=${onToggle}>Play on from here as the reference would</button>
     <p class="small" role="status">
       ${last && `The outlines are its next ${line?.rounds.length} rounds, to a score of ${short(last.score)}. Agent ${agent} would choose ${line?.rounds.map(({ agents }) => agents[agent].action ?? "nothing").join(", ")}.`}
     </p>

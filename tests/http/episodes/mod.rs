@@ -17,6 +17,7 @@ mod state;
 mod verification;
 mod visibility;
 mod void;
+mod worth;
 
 use serde_json::{Value, json};
 

@@ -233,6 +233,38 @@ class Calls:
         )
 
     @Operation
+    def worth(self, id: str, *, seats: bool | None = None) -> Call[wire.GameWorth]:
+        """Show what could still be scored in an episode.
+
+        The worth of a state is the score that the reference swarm, the task's default built-in player, reaches
+        from there: that of a fork with `"player": "default"` (`docs/evaluate/worth.md`). The answer has the worth
+        of each state, what each round and each seat lost, and the ten decisions that lost most. A worth of a game
+        that has ended is stored.
+
+        Whoever may fork the episode may read it: it is computed from draws of the future.
+
+        Args:
+            id: The episode's id
+            seats: Whether to add the losses of seats, the default. Without them the answer is there about as many
+                times sooner as there are seats.
+        """
+        return call("GET", "/api/v1/episodes/{}/worth", id, query={"seats": seats})
+
+    @Operation
+    def line(self, id: str, *, round: int | None = None, rounds: int | None = None) -> Call[wire.ReferenceLine]:
+        """Show how the reference would play on.
+
+        The rounds that a fork with `"player": "default"` would begin with, without making one. Whoever may fork
+        the episode may read them.
+
+        Args:
+            id: The episode's id
+            round: Round from whose state the reference plays on.
+            rounds: Number of rounds, up to 100; by default 10.
+        """
+        return call("GET", "/api/v1/episodes/{}/line", id, query={"round": round, "rounds": rounds})
+
+    @Operation
     def replay(
         self, id: str, *, from_: int | None = None, rounds: int | None = None, ground: bool | None = None
     ) -> Call[wire.Replay]:

@@ -1313,6 +1313,25 @@ CrossPlay: TypeAlias = Page[CrossPlayPair]
 """Cross-play: pairs of models and their scores, or a page of them."""
 
 
+class DearDecision(TypedDict):
+    """A decision that lost much."""
+
+    action: str | None
+    """Action of the agent; null for none."""
+    agent: str
+    """Name of the agent."""
+    kind: str
+    """What the decision was: `moved`, `waited`, `blocked`, `switched`, `invalid` or `late`."""
+    loss: float
+    """What the decision lost."""
+    reference_action: str | None
+    """Action of the reference in its place."""
+    round: int
+    """Number of the round."""
+    words: str
+    """The decision in words."""
+
+
 class EntrantChange(TypedDict):
     """Changes of an entrant, by an organizer or by the entrant, which may rename and withdraw itself. Fields that
     are left out do not change.
@@ -1605,6 +1624,96 @@ class GameMetrics(MetricsMethod):
     """Values of the game."""
 
 
+class WorthMethod(TypedDict):
+    """Method by which worth was computed. Values of different methods cannot be compared."""
+
+    reference: str
+    """Name of the reference: the default built-in player of the task."""
+    worth_revision: int
+    """Revision of the reference's decisions and of all definitions."""
+
+
+class KindLoss(TypedDict):
+    """Losses of all decisions of a kind."""
+
+    decisions: int
+    """Number of decisions."""
+    gained: float
+    """Sum of their losses below 0, as a number above 0."""
+    lost: float
+    """Sum of their losses above 0."""
+
+
+class RoundLoss(TypedDict):
+    """Loss of a round: worth before it minus worth after it. Below 0 where the swarm found something better than the
+    reference.
+    """
+
+    loss: float
+    """Worth before the round minus worth after it."""
+    round: int
+    """Number of the round."""
+    seats: dict[str, float] | None
+    """By agent: worth after the round if this agent alone had done what the reference would have done, minus worth
+    after the round. Null if they are missing.
+    """
+
+
+class MissingPart(TypedDict):
+    """A part of the answer that is missing."""
+
+    detail: str
+    """Why it is missing."""
+    part: str
+    """The part: `values` or `seats`."""
+
+
+class SeatLoss(TypedDict):
+    """Losses of a seat."""
+
+    gained: float
+    """Sum of the seat's losses below 0, as a number above 0."""
+    lost: float
+    """Sum of the seat's losses above 0."""
+    share: float | None
+    """Share of the seat in what all seats lost; null where nothing was lost."""
+
+
+class GameWorth(WorthMethod):
+    """Worth of the states of a game, and what its decisions lost."""
+
+    accuracy: float | None
+    """The last worth, which is the score of a game that is over, as a share of the first one: what could be scored
+    and was not lost. Above 1 where the swarm did better than the reference; null where nothing could be scored.
+    """
+    dearest: list[DearDecision] | None
+    """The ten decisions that lost most, the dearest first. Null if they are missing."""
+    episode: str | None
+    """Id of the game; null for a file that does not say it."""
+    kinds: dict[str, KindLoss] | None
+    """Losses of seats by what their decisions were: `moved`, `waited`, `blocked`, `switched`, `invalid`, `late`."""
+    losses: list[RoundLoss] | None
+    """What each round lost. Null if it is missing."""
+    missing: list[MissingPart]
+    """What is missing, and why."""
+    reference_is_weak: bool | None
+    """Whether the game scored more than the reference would have from the start: the reference is weak here."""
+    rounds: int
+    """Number of resolved rounds."""
+    score: float
+    """Score after these rounds."""
+    seats: dict[str, SeatLoss] | None
+    """Losses of each seat, by the name of its agent. Null if they are missing."""
+    settled_round: int | None
+    """The first round from which on the reference would have scored nothing more."""
+    task: TaskName
+    """Name of the task."""
+    values: list[float] | None
+    """Worth of each state, `rounds + 1` numbers: the score that the reference reaches from there. Null if it is
+    missing.
+    """
+
+
 class Health(TypedDict):
     """Health of the server."""
 
@@ -1738,6 +1847,30 @@ class Leaderboard(TypedDict):
     """Name of the suite."""
     tasks: list[str]
     """Tasks that are shown, in the order of the suite."""
+
+
+class LineAgent(TypedDict):
+    """An agent of the reference's line."""
+
+    action: str | None
+    """Its action; null for an agent that had escaped."""
+    agent: str
+    """Name of the agent."""
+    alive: bool
+    """Whether it is on the map after the round."""
+    at: list[int]
+    """Row and column after the round."""
+
+
+class LineRound(TypedDict):
+    """A round of the reference's line."""
+
+    agents: list[LineAgent]
+    """Agents after the round, in the order of their numbers."""
+    round: int
+    """Number of the round."""
+    score: float
+    """Score after the round."""
 
 
 class MemberList(TypedDict):
@@ -1896,6 +2029,17 @@ class Problem(TypedDict):
     """Kind of the problem, in words."""
     type: str
     """Kind of the problem as a URI; the same as `code`."""
+
+
+class ReferenceLine(WorthMethod):
+    """How the reference would play on from a state."""
+
+    episode: str | None
+    """Id of the game; null for a file that does not say it."""
+    round: int
+    """Round from whose state the reference plays."""
+    rounds: list[LineRound]
+    """Its rounds, in order; fewer than asked for where the game ends."""
 
 
 class ReplacedKey(TypedDict):
