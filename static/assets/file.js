@@ -62,7 +62,7 @@ class FileGame {
   async scores() {
     const scores = this.states.map((state) => state.score);
     // The curve of the whole game is useless if the file has only a part.
-    return this.curve && this.states.length > this.head.rounds ? this.curve : { rounds: this.last, every: 1, first: this.first, scores };
+    return this.curve && this.states.length > this.head.rounds ? { ...this.curve, rounds: this.last } : { rounds: this.last, every: 1, first: this.first, scores };
   }
 
   async worth() {

@@ -5,7 +5,6 @@
 //! ```
 
 #![expect(clippy::print_stdout, reason = "it prints a table")]
-#![expect(clippy::disallowed_methods, reason = "it measures time")]
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -55,7 +54,9 @@ fn game(task: TaskName, seed: u64) -> Game {
             if world.is_alive(agent) { player.decide(&world.observe(agent)) } else { Act::default() }
         });
         let mut acts: Vec<Act> = decided.collect();
-        acts.iter_mut().for_each(|act| _ = act.action.get_or_insert(Action::Stay));
+        for act in &mut acts {
+            act.action.get_or_insert(Action::Stay);
+        }
         world.step(&acts);
         rounds.push(acts.into_iter().map(|act| Decided { act, ..Decided::default() }).collect());
     }

@@ -4,7 +4,7 @@ use swarmbench_engine::{Act, Action, AgentId, Kind as Body, Pos, TaskName, World
 
 use crate::Kind;
 
-/// A decision in words, and what the reference would have done: "Agent_4 went LEFT, away from the prey; the reference goes UP".
+/// A decision in words, and what the reference would have done: `Agent_4 went LEFT, away from the prey; the reference goes UP`.
 pub(crate) fn words(
     before: &World,
     after: &World,

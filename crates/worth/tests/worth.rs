@@ -138,7 +138,7 @@ fn a_game_of_the_reference_loses_nothing() {
         for seed in 0..seeds(4) {
             let game = game(layout(task, rules, seed), default_for(task), |_, _| {});
             let worth = worth(&game, true);
-            assert!(worth.values.iter().all(|value| *value == worth.score), "{task:?} {seed}");
+            assert!(worth.values.iter().all(|value| value.to_bits() == worth.score.to_bits()), "{task:?} {seed}");
             assert!(worth.seats.iter().flatten().flatten().all(|loss| *loss == 0.0));
         }
     }
@@ -192,11 +192,10 @@ fn a_planted_mistake_is_found() {
 fn opposite(action: Action) -> Action {
     match action {
         Action::Up => Action::Down,
-        Action::Down => Action::Up,
         Action::Left => Action::Right,
         Action::Right => Action::Left,
         Action::Switch => Action::Stay,
-        Action::Stay => Action::Up,
+        Action::Down | Action::Stay => Action::Up,
     }
 }
 

@@ -131,8 +131,8 @@ export function WorthCurve({ worth, points, first, last, x, at, decisions }) {
     const [score, open] = [points, states].map((points) => stepPath(points, (round) => x(round) * WIDTH, y));
     return { score, open, high, start: y(values[0] ?? 0) };
   }, [worth, points, last]);
-  const seats = Map.groupBy(decisions, ({ round }) => round);
-  const marks = [...seats].sort(([one], [other]) => one - other);
+  const marks = [...new Set(decisions.map(({ round }) => round))].sort((one, other) => one - other);
+  const seats = (/** @type {number} */ round) => decisions.filter((decision) => decision.round === round).map(agentOf).join();
   return html`<svg viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} preserveAspectRatio="none" aria-hidden="true">
       ${drawn.score && html`<path class="area" d=${`${drawn.score}V${HEIGHT}H0Z`} />`}
       <path class="worth" d=${drawn.open} />
@@ -142,7 +142,7 @@ export function WorthCurve({ worth, points, first, last, x, at, decisions }) {
     <span class="high" aria-hidden="true">${short(drawn.high)}</span>
     <span class="low" aria-hidden="true">worth</span>
     ${[0, 1].map((row) => marks.length > row && html`<div class="marks" aria-hidden="true">
-      ${marks.filter((_, index) => index % 2 === row).map(([round, lost]) => html`<span class="bad" style=${{ left: `${x(round) * 100}%` }}>${lost.map(agentOf).join()}?</span>`)}
+      ${marks.filter((_, index) => index % 2 === row).map((round) => html`<span class="bad" style=${{ left: `${x(round) * 100}%` }}>${seats(round)}?</span>`)}
     </div>`)}`;
 }
 
@@ -152,7 +152,7 @@ export function LossList({ worth, losses: { known, decisions, problem, reload, a
   return html`<details class="losses" onToggle=${(/** @type {any} */ event) => event.currentTarget.open && ask()}>
     <summary>What decisions lost</summary>
     <p class="muted small">
-      The worth of a state is the score that the reference, <${Text} value=${worth.reference} />, reaches from it on all seats. A decision lost what the worth rises if this agent alone does what the reference would do.
+      The worth of a state is the score that the reference, <${Text} value=${worth.reference} />, reaches from it on all seats. A decision lost as much as the worth would be higher if this agent alone had done what the reference does.
       ${worth.reference_is_weak && " It is weak here: from the start it would have scored less than this game did."}
     </p>
     <p role="status">${problem || known ? (isEmpty ? "No decision lost anything." : "") : "Each decision is replaced by the reference’s. That takes up to a minute …"}</p>
