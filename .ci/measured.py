@@ -352,6 +352,9 @@ the one that plays."""),
         "A competition of a million attempts", ".ci/measure competition", "[The load test](../operate/load.md#large-databases) says what is measured.", [
         ("Its pages while games end", "competition", competition),
     ]),
+    "losses": Page("What decisions of built-in players lost", ".ci/losses", """\
+24 pairs of a task and a player, on the layouts 0 to 4 in the standard setting (12 agents, 10 × 10 cells, 100 rounds, rules `paper`), with
+another player seed for each layout. [Worth](../evaluate/worth.md) defines what could be scored and what a decision lost."""),
     "worth": Page("Times of worths", ".ci/measure worth", """\
 The worth of all states of a game of `random` in the standard setting (12 agents, 100 rounds), and with the losses of all seats, on one
 core ([what that is](../evaluate/worth.md)). Medians of five layouts, and the longest of them."""),

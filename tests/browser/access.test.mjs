@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { NARROW, WIDE, open } from "./support/browser.mjs";
+import { spoken } from "./support/games.mjs";
 import { PLACES, expectedAt, full } from "./support/site.mjs";
 import { suite } from "./support/suite.mjs";
 
@@ -11,10 +12,10 @@ const AXE = await readFile(new URL("../node_modules/axe-core/axe.min.js", import
 /** The tolerance of a page's width, for rounding. */
 const SLACK_PX = 1;
 
-/** The time in which the losses of all seats of a game are computed. */
-const LOSSES_MS = 90_000;
-
-const { visit } = suite({ keys: true }, full);
+const { visit } = suite({ keys: true }, async (program) => ({
+  ...(await full(program)),
+  lossy: (await spoken(program, { task: "Synchronization", seed: 27, num_agents: 4, max_round: 16 })).id,
+}));
 
 /** @param {import("playwright-core").Page} page */
 async function violations(page) {
@@ -52,9 +53,9 @@ async function everybodyReads(page, name) {
 visit(
   "what decisions lost, and how the reference would play on: everybody can read it",
   async ({ page }, { data }) => {
-    await open(page, `/episodes/${data.second}#r=3`);
+    await open(page, `/episodes/${data.lossy}#r=3`);
     await page.getByText("What decisions lost").click();
-    await page.locator(".losses").getByRole("listitem").first().waitFor({ timeout: LOSSES_MS });
+    await page.locator(".losses").getByRole("listitem").first().waitFor();
     await page.getByRole("button", { name: "Play on from here as the reference would" }).click();
     await page.getByText("The outlines are its next").waitFor();
     await everybodyReads(page, "losses");

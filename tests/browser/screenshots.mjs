@@ -45,6 +45,7 @@ async function pictures({ name, address, needsKey }, data) {
   await open(page, address(data));
   if (name === "seat") await page.getByRole("button", { name: /^Take/ }).first().click({ timeout: QUIET_MS }).catch(() => {});
   await page.waitForLoadState("networkidle", { timeout: QUIET_MS }).catch(() => {});
+  await page.getByText("Working out what could still be scored").waitFor({ state: "hidden" });
   for (const [size, viewport] of Object.entries(SIZES)) {
     for (const colorScheme of SCHEMES) {
       const picture = `${name}-${size}-${colorScheme}`;
