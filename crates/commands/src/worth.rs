@@ -59,20 +59,25 @@ pub async fn run(args: Args) -> anyhow::Result<()> {
 /// The worth of a journal file, or of an episode, whose journal is downloaded.
 async fn of_game(args: &Args, game: &str) -> anyhow::Result<GameWorth> {
     let journal = Journal::find(game, args.server.clone()).await?;
-    let threads = args.threads.or_else(|| thread::available_parallelism().ok());
-    let (with_seats, name) = (!args.no_seats, game.to_owned());
-    let work = move || {
-        let (report, game) = game_of(journal.open()?).with_context(|| name)?;
-        let bar = progress_bar("{bar:30} round {pos} of {len}, {eta} left");
-        let worth = appraise(&game, with_seats, threads.map_or(1, NonZero::get), |done, of| {
-            set(&bar, done as u64, of as u64);
-        });
-        bar.finish_and_clear();
-        let mut worth = sent(&game, &worth);
-        worth.episode = Some(report.opening.episode);
-        anyhow::Ok(worth)
-    };
+    let (with_seats, threads, name) = (!args.no_seats, args.threads, game.to_owned());
+    let work = move || of(&journal, with_seats, threads).with_context(|| name);
     tokio::task::spawn_blocking(work).await?
+}
+
+/// The worth of a journal's game; by default on one thread for each processor.
+pub fn of(
+    journal: &Journal,
+    with_seats: bool,
+    threads: Option<NonZero<usize>>,
+) -> anyhow::Result<GameWorth> {
+    let threads = threads.or_else(|| thread::available_parallelism().ok());
+    let (report, game) = game_of(journal.open()?)?;
+    let bar = progress_bar("{bar:30} round {pos} of {len}, {eta} left");
+    let worth = appraise(&game, with_seats, threads.map_or(1, NonZero::get), |done, of| {
+        set(&bar, done as u64, of as u64);
+    });
+    bar.finish_and_clear();
+    Ok(GameWorth { episode: Some(report.opening.episode), ..sent(&game, &worth) })
 }
 
 async fn of_run(args: Args) -> anyhow::Result<()> {

@@ -51,7 +51,11 @@ fn game(task: TaskName, seed: u64) -> Game {
     let (mut world, mut rounds) = (World::clone(&layout), Vec::new());
     while !world.is_over() {
         let decided = world.agents().zip(&mut players).map(|(agent, player)| {
-            if world.is_alive(agent) { player.decide(&world.observe(agent)) } else { Act::default() }
+            if world.is_alive(agent) {
+                player.decide(&world.observe(agent))
+            } else {
+                Act::default()
+            }
         });
         let mut acts: Vec<Act> = decided.collect();
         for act in &mut acts {

@@ -138,7 +138,10 @@ fn a_game_of_the_reference_loses_nothing() {
         for seed in 0..seeds(4) {
             let game = game(layout(task, rules, seed), default_for(task), |_, _| {});
             let worth = worth(&game, true);
-            assert!(worth.values.iter().all(|value| value.to_bits() == worth.score.to_bits()), "{task:?} {seed}");
+            assert!(
+                worth.values.iter().all(|value| value.to_bits() == worth.score.to_bits()),
+                "{task:?} {seed}"
+            );
             assert!(worth.seats.iter().flatten().flatten().all(|loss| *loss == 0.0));
         }
     }

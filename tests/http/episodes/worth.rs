@@ -24,7 +24,8 @@ fn numbers(values: &Value) -> Vec<f64> {
 async fn a_worth_is_the_score_of_a_fork_that_the_reference_plays() {
     let app = TestApp::start().await;
     for (task, rules) in [("Pursuit", "paper"), ("Foraging", "reference"), ("Flocking", "paper")] {
-        let settings = json!({ "task": task, "rules": rules, "seed": 5, "num_agents": 6, "max_round": 8 });
+        let settings =
+            json!({ "task": task, "rules": rules, "seed": 5, "num_agents": 6, "max_round": 8 });
         let episode = app.create(settings).await;
         for action in ["LEFT", "UP", "STAY", "UP", "RIGHT", "DOWN", "STAY", "LEFT"] {
             app.all_act(&episode, action).await;
@@ -33,7 +34,11 @@ async fn a_worth_is_the_score_of_a_fork_that_the_reference_plays() {
         let values = numbers(&worth["values"]);
         assert_eq!(values.len(), 9);
         for (round, value) in values.iter().enumerate().take(8) {
-            assert_eq!(forked(&app, &episode, round).await.to_bits(), value.to_bits(), "{task} {round}");
+            assert_eq!(
+                forked(&app, &episode, round).await.to_bits(),
+                value.to_bits(),
+                "{task} {round}"
+            );
         }
         assert_eq!(values[8], worth["score"].as_f64().expect("a score"));
         let losses = list(&worth["losses"]);
@@ -84,9 +89,7 @@ async fn the_line_is_what_the_reference_does_next() {
 #[tokio::test]
 async fn a_large_game_says_which_part_is_missing() {
     let app = TestApp::start().await;
-    let create = |agents: u32, rounds: u32| {
-        json!({ "task": "Foraging", "seed": 1, "num_agents": agents, "max_round": rounds, "width": 64, "height": 64 })
-    };
+    let create = |agents: u32, rounds: u32| json!({ "task": "Foraging", "seed": 1, "num_agents": agents, "max_round": rounds, "width": 64, "height": 64 });
     let episode = app.create(create(40, 100)).await;
     let worth = app.get(&episode.path("/worth")).ok().await;
     assert_eq!((list(&worth["values"]).len(), &worth["seats"]), (1, &Value::Null));
@@ -105,8 +108,7 @@ async fn who_may_fork_may_read_the_worth() {
     let app = TestApp::builder().keys().start().await;
     let (owner, _) = app.key(json!({ "name": "owner" })).await;
     let (member, _) = app.key(json!({ "name": "member" })).await;
-    let episode =
-        app.create_with(&owner, with(request(2, 3), "visibility", json!("public"))).await;
+    let episode = app.create_with(&owner, with(request(2, 3), "visibility", json!("public"))).await;
     app.all_act(&episode, "SWITCH").await;
     for path in ["/worth", "/line?round=0"] {
         let read = |token: &str| app.get(&episode.path(path)).token(token);
@@ -131,7 +133,8 @@ async fn the_worth_of_a_sealed_game_is_read_after_the_reveal() {
     let blue = cup.enter(&app, "blue").await;
     let attempt = cup.start(&app, &blue).await;
     attempt.play(&app, 2).await;
-    let all = list(&app.get("/api/v1/episodes?limit=1000").token(&app.organizer).ok().await["items"]);
+    let all =
+        list(&app.get("/api/v1/episodes?limit=1000").token(&app.organizer).ok().await["items"]);
     let path = format!("/api/v1/episodes/{}/worth", all[0]["id"].as_str().expect("an id"));
     for token in [&app.organizer, &blue.key] {
         app.get(&path).token(token).problem(403, "forbidden").await;
@@ -150,7 +153,8 @@ async fn boards_show_the_accuracy_of_stored_worths_and_compute_none() {
     let path = format!("/api/v1/runs/{}", run["id"].as_str().expect("an id"));
     until("the run is played", async || app.get(&path).ok().await["status"] == "finished").await;
     let board = "/api/v1/leaderboard?suite=s&metrics=accuracy,stillness";
-    let metrics = async || app.get(board).ok().await["items"][0]["metrics"]["Synchronization"].take();
+    let metrics =
+        async || app.get(board).ok().await["items"][0]["metrics"]["Synchronization"].take();
     assert_eq!(metrics().await["accuracy"], Value::Null);
     let game = app.get(&path).ok().await["games"][0]["episode"].take();
     let game = game.as_str().expect("an id");
@@ -176,7 +180,10 @@ async fn a_worth_of_the_table_is_the_stored_one() {
     assert_eq!(row("episodes").await["accuracy"], Value::Null);
     let worth = app.get(&episode.path("/worth")).ok().await;
     let games = row("episodes").await;
-    assert_eq!((&games["accuracy"], &games["worth_start"]), (&worth["accuracy"], &worth["values"][0]));
+    assert_eq!(
+        (&games["accuracy"], &games["worth_start"]),
+        (&worth["accuracy"], &worth["values"][0])
+    );
     assert_eq!(row("rounds").await["worth"], worth["values"][3]);
     assert!(row("acts").await["loss"].is_number());
 }

@@ -63,6 +63,9 @@ pub struct Args {
     /// Include the prompts in the page of --html, most of whose size they are.
     #[arg(long, requires = "html")]
     prompts: bool,
+    /// Include in the page of --html what could still be scored, and what decisions lost: up to a minute of computing.
+    #[arg(long, requires = "html")]
+    losses: bool,
     /// The side of a cell of the map, in pixels. Default: 4 to 32, so that the map has about 400 pixels.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=256), conflicts_with = "picture")]
     scale: Option<u16>,
@@ -140,7 +143,8 @@ fn write(
     );
     let last = last.min(outline.last());
     if let Some(path) = &args.output.html {
-        let page = GamePage::new(outline, first..=last, args.prompts, single_page);
+        let worth = args.losses.then(|| crate::worth::of(journal, true, None)).transpose()?;
+        let page = GamePage::new(outline, first..=last, args.prompts, worth, single_page);
         return write_page(page, path, last, journal, stop);
     }
     let mut layout = layout(args, &outline)?;

@@ -11,6 +11,7 @@ use swarmbench_prompt::tasks;
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::replay::{AgentRound, Replay, ReplayHead, ReplayPage, ReplayState};
 use swarmbench_protocol::status::Status;
+use swarmbench_protocol::worth::GameWorth;
 use swarmbench_replay::{
     Reel, Round, Scene, agent_round, block_cells, ground, inbox, rounded, shown_act,
 };
@@ -26,6 +27,7 @@ pub(super) struct GamePage {
     outline: Outline,
     wanted: RangeInclusive<u32>,
     with_prompts: bool,
+    worth: Option<GameWorth>,
     single_page: SinglePage,
     begun: Option<Begun>,
     /// Data common to all wanted states.
@@ -50,6 +52,7 @@ impl GamePage {
         outline: Outline,
         wanted: RangeInclusive<u32>,
         with_prompts: bool,
+        worth: Option<GameWorth>,
         single_page: SinglePage,
     ) -> Self {
         let page = ReplayPage { from: *wanted.start(), ..ReplayPage::default() };
@@ -57,6 +60,7 @@ impl GamePage {
             outline,
             wanted,
             with_prompts,
+            worth,
             single_page,
             begun: None,
             page,
@@ -133,7 +137,7 @@ impl GamePage {
 
     /// The finished page.
     pub(super) fn finish(self) -> anyhow::Result<String> {
-        let Self { outline, wanted, single_page, page, states, acts, begun, .. } = self;
+        let Self { outline, wanted, worth, single_page, page, states, acts, begun, .. } = self;
         let last = begun.ok_or_else(|| anyhow!("the journal has no layout"))?.before;
         let config = &outline.opening.config;
         let end = outline.end.as_ref();
@@ -179,6 +183,7 @@ impl GamePage {
                 "acts": acts,
                 "scores": { "every": 1, "scores": scores },
                 "summary": summary,
+                "worth": worth,
             }),
         ))
     }
