@@ -1,6 +1,7 @@
 //! Health, readiness, metrics.
 
 use std::sync::atomic::Ordering;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Json;
@@ -97,6 +98,9 @@ fn problems(app: &App) -> Vec<String> {
     responses((status = 200, description = "Metrics in the Prometheus text format", body = String, content_type = "text/plain"))
 )]
 pub(super) async fn show_metrics(State(app): State<App>) -> Response {
+    // Gauges are of the process. Another server of it would set them before they are read.
+    static SCRAPE: Mutex<()> = Mutex::new(());
+    let _alone = SCRAPE.lock().unwrap_or_else(PoisonError::into_inner);
     #[expect(clippy::cast_precision_loss, reason = "a gauge is a double")]
     {
         metrics::gauge!("swarmbench_episodes_unfinished").set(app.registry.unfinished() as f64);

@@ -124,6 +124,13 @@ pub(crate) fn act_head(episode: &Episode, length: usize) -> String {
 
 /// True if connections were cut for this reason, by any test of this process.
 pub(crate) async fn was_cut(app: &TestApp, reason: &str) -> bool {
+    cuts(app, reason).await > 0
+}
+
+/// Number of connections that servers of this process have cut for a reason.
+pub(crate) async fn cuts(app: &TestApp, reason: &str) -> u64 {
     let metrics = app.get("/metrics").send().await.text();
-    metrics.contains(&format!("swarmbench_connections_cut_total{{reason=\"{reason}\"}}"))
+    let series = format!("swarmbench_connections_cut_total{{reason=\"{reason}\"}} ");
+    let count = metrics.lines().find_map(|line| line.strip_prefix(&series));
+    count.map_or(0, |count| count.parse().expect("a whole number"))
 }
