@@ -21,6 +21,7 @@ const ORDER: &[&str] = &[
     "store",
     "episode",
     "measure",
+    "appraisal",
     "hosted",
     "run",
     "competitions",

@@ -173,3 +173,40 @@ pub(super) async fn old_states(ctx: Arc<Ctx>) -> io::Result<()> {
     .await;
     Ok(())
 }
+
+/// Worths of games as large as they may be, each asked for by many who may not wait for it.
+pub(super) async fn worths(ctx: Arc<Ctx>) -> io::Result<()> {
+    let addresses = ctx.addresses("worths");
+    let body = json!({ "task": "Pursuit", "num_agents": 16, "max_round": 100, "player": "random", "visibility": "public" });
+    let mut games = Vec::new();
+    for _ in 0..ctx.of(6, 32) {
+        games.push(text(&ctx.create(&body).await?, "/id")?);
+    }
+    let mut wire = ctx.wire(addresses, 0).keeping_all();
+    for game in &games {
+        let look = Request::get(format!("/api/v1/episodes/{game}"));
+        while ctx.has_time() && text(&wire.ask(&look).await?.read()?, "/status")? == "running" {
+            sleep(Duration::from_millis(100)).await;
+        }
+    }
+    ctx.note(format!("{} games of 16 agents were played", games.len()));
+    let games = Arc::new(games);
+    ctx.go().await;
+    on_connections(ctx.of(16, 64), |number| {
+        let (ctx, games) = (Arc::clone(&ctx), Arc::clone(&games));
+        async move {
+            for again in 0.. {
+                let dice = ctx.dice(&format!("worth {number} {again}"));
+                let game = dice.pick(&games).clone();
+                let what = *dice.pick(&["worth", "worth", "worth?seats=false", "line?round=90&rounds=100"]);
+                let patience = Duration::from_secs(1) + dice.time(Duration::from_mins(1));
+                let mut wire = ctx.wire(addresses, number);
+                let ask = Request::get(format!("/api/v1/episodes/{game}/{what}"));
+                drop(wire.ask_within(&ask, patience).await);
+                sleep(Duration::from_millis(20)).await;
+            }
+        }
+    })
+    .await;
+    Ok(())
+}

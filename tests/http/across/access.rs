@@ -192,6 +192,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         "show_import"
         | "show_imported_state"
         | "show_import_metrics"
+        | "show_import_worth"
         | "show_import_replay"
         | "show_import_agent_round"
         | "show_import_scores" => Some(404),
@@ -235,6 +236,11 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         "read_journal" | "show_agent_round" | "show_verification" => match () {
             () if !knows() => Some(404),
             () if !reads() || !(stage.ended || oversees()) => Some(403),
+            () => None,
+        },
+        "show_episode_worth" | "show_reference_line" => match () {
+            () if !knows() => Some(404),
+            () if !reads() || !(stage.ended || (oversees() && !stage.mixed)) => Some(403),
             () => None,
         },
         "start_episode" | "abort_episode" => match () {
