@@ -7,12 +7,17 @@ use swarmbench_players::{BuiltIn, Player, Seat, default_for, find};
 use swarmbench_worth::{Appraiser, Decided, Game, Worth, appraise, line, sent};
 
 /// Seeds of each task; `.ci/full` sets 100.
-fn seeds(usual: u64) -> u64 {
-    std::env::var("SWARMBENCH_WORTH_SEEDS").map_or(usual, |seeds| seeds.parse().expect("a number"))
+fn seeds() -> u64 {
+    std::env::var("SWARMBENCH_WORTH_SEEDS").map_or(4, |seeds| seeds.parse().expect("a number"))
 }
 
 fn layout(task: TaskName, rules: RuleSet, seed: u64) -> Arc<World> {
+    layout_of(task, rules, seed, 100)
+}
+
+fn layout_of(task: TaskName, rules: RuleSet, seed: u64, rounds: i64) -> Arc<World> {
     let mut settings = Settings::standard(task, seed);
+    settings.max_round = rounds;
     rules.name().clone_into(&mut settings.rules);
     Arc::new(World::new(Arc::new(Config::check(&settings).expect("good settings"))))
 }
@@ -135,7 +140,7 @@ fn the_loss_of_a_seat_is_what_its_act_alone_would_have_changed() {
 fn a_game_of_the_reference_loses_nothing() {
     for (task, rules) in TaskName::ALL.into_iter().flat_map(|task| RULES.map(|rules| (task, rules)))
     {
-        for seed in 0..seeds(4) {
+        for seed in 0..seeds() {
             let game = game(layout(task, rules, seed), default_for(task), |_, _| {});
             let worth = worth(&game, true);
             assert!(
@@ -150,8 +155,8 @@ fn a_game_of_the_reference_loses_nothing() {
 #[test]
 fn losses_sum_to_what_could_be_scored_and_was_not() {
     for task in TaskName::ALL {
-        for seed in 0..seeds(3) {
-            let game = game(layout(task, RuleSet::Paper, seed), random(), |_, _| {});
+        for seed in 0..seeds() {
+            let game = game(layout_of(task, RuleSet::Paper, seed, 30), random(), |_, _| {});
             let worth = worth(&game, false);
             let sum: f64 = worth.losses().iter().sum();
             assert!((sum - (worth.values[0] - worth.score)).abs() < 1e-9, "{task:?} {seed}");
@@ -164,7 +169,7 @@ fn losses_sum_to_what_could_be_scored_and_was_not() {
 fn a_planted_mistake_is_found() {
     for task in TaskName::ALL {
         let (mut cost, mut found) = (0, 0);
-        for seed in 0..seeds(6) {
+        for seed in 0..seeds() {
             let layout = layout(task, RuleSet::Paper, seed);
             let whole = game(Arc::clone(&layout), default_for(task), |_, _| {}).rounds.len();
             let at = u32::try_from(whole / 3).expect("few rounds");
