@@ -13,12 +13,11 @@ use swarmbench::store::audit::{ShownAction, StoredAuditEntry};
 use swarmbench::store::competitions::{Declared, RawCompetition};
 use swarmbench::store::episodes::{Filter, Readable};
 use swarmbench::store::imports::ImportFilter;
-use swarmbench::store::metrics::stored_method;
+use swarmbench::store::metrics::{BoardMetric, stored_method};
 use swarmbench::store::port::EpisodeStore;
 use swarmbench::store::records::ActReader;
 use swarmbench::store::results::{BoardMixed, LogPosition};
 use swarmbench::store::runs::RunFilter;
-use swarmbench_analysis::Metric;
 use swarmbench_engine::AgentId;
 
 use crate::store::history::{Episode, History};
@@ -384,8 +383,9 @@ impl Questions<'_> {
             })
             .await;
             let ids: Vec<_> = (0..self.below(8)).map(|_| self.run_id()).collect();
+            let metrics: Vec<_> = BoardMetric::all().collect();
             self.ask(&format!("mean_metrics {ids:?}"), async |side| {
-                side.store.mean_metrics(&ids, &Metric::ALL, stored_method()).await
+                side.store.mean_metrics(&ids, &metrics).await
             })
             .await;
         }

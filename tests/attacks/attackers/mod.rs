@@ -159,7 +159,11 @@ pub(crate) const ATTACKS: &[Attack] = &[
         readers::old_states,
         "old states of a large game, asked for and hung up on"
     ),
-    attack!("worths", readers::worths, "what could still be scored in large games, asked for by many"),
+    attack!(
+        "worths",
+        readers::worths,
+        "what could still be scored in large games, asked for by many"
+    ),
     attack!(
         "heavy_steps",
         games::heavy_steps,

@@ -198,7 +198,12 @@ pub(super) async fn worths(ctx: Arc<Ctx>) -> io::Result<()> {
             for again in 0.. {
                 let dice = ctx.dice(&format!("worth {number} {again}"));
                 let game = dice.pick(&games).clone();
-                let what = *dice.pick(&["worth", "worth", "worth?seats=false", "line?round=90&rounds=100"]);
+                let what = *dice.pick(&[
+                    "worth",
+                    "worth",
+                    "worth?seats=false",
+                    "line?round=90&rounds=100",
+                ]);
                 let patience = Duration::from_secs(1) + dice.time(Duration::from_mins(1));
                 let mut wire = ctx.wire(addresses, number);
                 let ask = Request::get(format!("/api/v1/episodes/{game}/{what}"));

@@ -1,4 +1,4 @@
-//! Why an answer of a language model did not count: read from its text, or said by its client.
+//! Reasons for which answers of language models do not count: read from their texts, or said by their clients.
 
 use rstest::rstest;
 use serde_json::{Value, json};
