@@ -33,7 +33,7 @@ pub struct GameWorth {
     pub values: Option<Vec<f64>>,
     /// What each round lost. Null if it is missing.
     pub losses: Option<Vec<RoundLoss>>,
-    /// The first round from which on the reference would have scored nothing more.
+    /// The first round from which on the reference would have scored nothing more; null if it would still score.
     pub settled_round: Option<u32>,
     /// The last worth, which is the score of a game that is over, as a share of the first one: what could be scored and was not lost. Above 1 where the swarm did better than the
     /// reference; null where nothing could be scored.

@@ -64,7 +64,7 @@ pub fn without(task: TaskName, rounds: u32, score: f64, detail: String) -> GameW
 pub fn sent(game: &Game, worth: &Worth) -> GameWorth {
     let task = game.layout.config().task();
     let rounds = u32::try_from(game.rounds.len()).unwrap_or(u32::MAX);
-    let settled = u32::try_from(worth.settled()).unwrap_or(u32::MAX);
+    let settled = u32::try_from(worth.settled()).ok().filter(|settled| *settled <= rounds);
     let (first, last) = (worth.values[0], worth.values[game.rounds.len()]);
     let by_agent = |losses: &Vec<f64>| {
         let named = losses.iter().zip(game.layout.agents());
@@ -78,7 +78,7 @@ pub fn sent(game: &Game, worth: &Worth) -> GameWorth {
     GameWorth {
         losses: Some(losses.collect()),
         values: Some(worth.values.clone()),
-        settled_round: Some(settled),
+        settled_round: settled,
         accuracy: (first != 0.0).then(|| last / first),
         reference_is_weak: Some(first < worth.score),
         seats: worth.seats.as_ref().map(|seats| of_seats(game, seats)),
@@ -91,7 +91,8 @@ pub fn sent(game: &Game, worth: &Worth) -> GameWorth {
 
 fn of_seats(game: &Game, losses: &[Vec<f64>]) -> BTreeMap<String, SeatLoss> {
     let of = |agent: AgentId| losses.iter().map(move |round| round[agent.index()]);
-    let lost = |agent| of(agent).map(|loss| loss.max(0.0)).sum::<f64>();
+    // A sum of nothing is -0.
+    let lost = |agent| 0.0 + of(agent).map(|loss| loss.max(0.0)).sum::<f64>();
     let all: f64 = game.layout.agents().map(lost).sum();
     let seat = |agent: AgentId| {
         let gained = 0.0 + of(agent).map(|loss| 0.0_f64.max(-loss)).sum::<f64>();

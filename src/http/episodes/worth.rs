@@ -35,8 +35,8 @@ pub(in super::super) struct WorthParams {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(in super::super) struct LineParams {
-    /// Round from whose state the reference plays on.
-    round: u32,
+    /// Round from whose state the reference plays on; by default that of the newest state.
+    round: Option<u32>,
     /// Number of rounds, up to 100; by default 10.
     #[param(minimum = 1, maximum = 100)]
     rounds: Option<u32>,
@@ -117,6 +117,7 @@ pub(in super::super) async fn show_reference_line(
         return Err(ApiError::new(Code::Malformed, detail));
     }
     let (stored, spec, _) = app.forkable(&caller, id, "the reference's line can be read").await?;
+    let round = round.unwrap_or(stored.rounds);
     if round > stored.rounds {
         let detail = format!("the game has {} rounds, and no state {round}", stored.rounds);
         return Err(ApiError::new(Code::NotFound, detail).at_round(stored.rounds));

@@ -57,15 +57,18 @@ async fn a_worth_is_the_score_of_a_fork_that_the_reference_plays() {
 async fn a_running_game_has_the_worth_of_its_rounds_so_far() {
     let app = TestApp::start().await;
     let episode = app.create(request(3, 10)).await;
-    app.all_act(&episode, "STAY").await;
+    for _ in 0..4 {
+        app.all_act(&episode, "STAY").await;
+    }
     let worth = app.get(&episode.path("/worth")).ok().await;
-    assert_eq!(worth["values"], json!([10.0, 9.0]));
-    assert_eq!((&worth["settled_round"], &worth["accuracy"]), (&json!(2), &json!(0.9)));
-    let words = &worth["dearest"][0]["words"];
-    assert!(words.as_str().is_none_or(|words| words.starts_with("Agent_")), "{words}");
+    let values = numbers(&worth["values"]);
+    assert!(values[0] == 10.0 && values[4] < 8.0, "{values:?}");
+    assert_eq!(worth["accuracy"], values[4] / values[0]);
+    assert_eq!((&worth["settled_round"], &worth["score"]), (&Value::Null, &json!(0.0)));
     app.all_act(&episode, "SWITCH").await;
     let worth = app.get(&episode.path("/worth?seats=false")).ok().await;
-    assert_eq!(list(&worth["values"]).len(), 3);
+    assert_eq!(numbers(&worth["values"])[..5], values);
+    assert_eq!(list(&worth["values"]).len(), 6);
 }
 
 #[tokio::test]
@@ -81,7 +84,9 @@ async fn the_line_is_what_the_reference_does_next() {
     assert_eq!(list(&all["rounds"]).len(), 6);
     assert_eq!(all["rounds"][5]["score"], 6.0);
     app.get(&episode.path("/line?round=2")).problem(404, "not_found").await;
-    for wrong in ["/line", "/line?round=0&rounds=0", "/line?round=0&rounds=101", "/worth?seats=2"] {
+    for wrong in
+        ["/line?round=-1", "/line?round=0&rounds=0", "/line?round=0&rounds=101", "/worth?seats=2"]
+    {
         app.get(&episode.path(wrong)).problem(400, "malformed").await;
     }
 }
@@ -92,8 +97,7 @@ async fn a_large_game_says_which_part_is_missing() {
     let create = |agents: u32, rounds: u32| json!({ "task": "Foraging", "seed": 1, "num_agents": agents, "max_round": rounds, "width": 64, "height": 64 });
     let episode = app.create(create(40, 100)).await;
     let worth = app.get(&episode.path("/worth")).ok().await;
-    assert_eq!((list(&worth["values"]).len(), &worth["seats"]), (1, &Value::Null));
-    assert_eq!(worth["missing"], json!([]), "a game without a round has few rollouts");
+    assert_eq!((list(&worth["values"]).len(), &worth["missing"]), (1, &json!([])));
     let episode = app.create(create(1024, 1500)).await;
     let worth = app.get(&episode.path("/worth")).ok().await;
     assert_eq!(worth["values"], Value::Null);
