@@ -106,6 +106,7 @@ const CASES: [(&str, Shows, Arguments); 61] = [
     ("table", Facts, |site| words("--by task --where max_round=30 --db", [site.copy()])),
     ("board rebuild", Facts, |site| words("--db", [site.copy()])),
     ("metrics", Facts, |_| words("", [journal()])),
+    ("worth", Facts, |_| words("", [journal()])),
     ("backup", Facts, |site| words("--db", [site.db(), site.new_file("backup.db")])),
     ("migrate", Facts, |site| {
         words("--from", [site.copy(), "--to".to_owned(), site.new_file("moved.db")])
