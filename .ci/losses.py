@@ -1,4 +1,4 @@
-"""Prints docs/measured/losses.md; see `.ci/losses`."""
+"""Prints the page `losses` of docs/measured; see `.ci/losses`."""
 
 import json
 import re

@@ -357,7 +357,7 @@ the one that plays."""),
 another player seed for each layout. [Worth](../evaluate/worth.md) defines what could be scored and what a decision lost."""),
     "worth": Page("Times of worths", ".ci/measure worth", """\
 The worth of all states of a game of `random` in the standard setting (12 agents, 100 rounds), and with the losses of all seats, on one
-core ([what that is](../evaluate/worth.md)). Medians of five layouts, and the longest of them."""),
+core ([what that is](../evaluate/worth.md)). Medians of three layouts, and the longest of them."""),
     "coverage": Page("Coverage of intervals", ".ci/measure coverage", """\
 How often the interval of a difference contains the true difference, in 4,000 samples each: of tasks × seeds with differences from
 known distributions, and of games of pairs of built-in players."""),

@@ -44,7 +44,7 @@ use Shows::{Facts, List, Other};
 /// The arguments of a command, made anew for each time it is run.
 type Arguments = fn(&Site) -> Vec<String>;
 
-const CASES: [(&str, Shows, Arguments); 61] = [
+const CASES: [(&str, Shows, Arguments); 62] = [
     ("demo", Facts, |site| words("--exit --db", [site.new_file("demo.db")])),
     ("serve", Other("runs until it is stopped"), |_| words("--addr no-address", [])),
     ("key create", Facts, |site| words("--name somebody --server", [site.base()])),

@@ -1,7 +1,7 @@
 //! Times of worths on one core, as a table: games of `random` in the standard setting.
 //!
 //! ```sh
-//! cargo bench -p swarmbench-worth --bench worth          # the layouts 0 to 4 of each task
+//! cargo bench -p swarmbench-worth --bench worth          # the layouts 0 to 2 of each task
 //! ```
 
 #![expect(clippy::print_stdout, reason = "it prints a table")]
@@ -14,7 +14,7 @@ use swarmbench_players::{Seat, find};
 use swarmbench_worth::{Appraiser, Decided, Game};
 
 /// Layouts of each task.
-const SEEDS: u64 = 5;
+const SEEDS: u64 = 3;
 
 fn main() {
     println!("| task | reference | curve, s | longest | with the losses of seats, s | longest |");

@@ -259,7 +259,7 @@ class Calls:
 
         Args:
             id: The episode's id
-            round: Round from whose state the reference plays on.
+            round: Round from whose state the reference plays on; by default that of the newest state.
             rounds: Number of rounds, up to 100; by default 10.
         """
         return call("GET", "/api/v1/episodes/{}/line", id, query={"round": round, "rounds": rounds})

@@ -1705,7 +1705,7 @@ class GameWorth(WorthMethod):
     seats: dict[str, SeatLoss] | None
     """Losses of each seat, by the name of its agent. Null if they are missing."""
     settled_round: int | None
-    """The first round from which on the reference would have scored nothing more."""
+    """The first round from which on the reference would have scored nothing more; null if it would still score."""
     task: TaskName
     """Name of the task."""
     values: list[float] | None
