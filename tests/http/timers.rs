@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use serde_json::json;
-use tokio::time::{Instant, timeout};
+use tokio::time::Instant;
 
 use crate::app::raw::{Raw, act_head, cuts, playing, was_cut};
 use crate::app::{TestApp, check_problem, until};

@@ -40,7 +40,7 @@ async fn a_worth_is_the_score_of_a_fork_that_the_reference_plays() {
                 "{task} {round}"
             );
         }
-        assert_eq!(values[8], worth["score"].as_f64().expect("a score"));
+        assert_eq!(worth["values"][8], worth["score"]);
         let losses = list(&worth["losses"]);
         let sum: f64 = losses.iter().map(|loss| loss["loss"].as_f64().expect("a number")).sum();
         assert!((sum - (values[0] - values[8])).abs() < 1e-9);
@@ -62,7 +62,7 @@ async fn a_running_game_has_the_worth_of_its_rounds_so_far() {
     }
     let worth = app.get(&episode.path("/worth")).ok().await;
     let values = numbers(&worth["values"]);
-    assert!(values[0] == 10.0 && values[4] < 8.0, "{values:?}");
+    assert!(values[0] > 9.5 && values[4] < 8.0, "{values:?}");
     assert_eq!(worth["accuracy"], values[4] / values[0]);
     assert_eq!(worth["settled_round"], Value::Null);
     app.all_act(&episode, "SWITCH").await;

@@ -40,6 +40,7 @@ const PNG_SCALE: f64 = 2.0;
     swarmbench replay game.jsonl --y4m - | ffmpeg -i - game.mp4\n  \
     swarmbench replay game.jsonl --html game.html"
 )]
+#[expect(clippy::struct_excessive_bools, reason = "each is an option of the command")]
 pub struct Args {
     /// A journal file, or the id of an episode on the server.
     game: String,
