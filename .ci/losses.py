@@ -116,7 +116,7 @@ def main(folder: Path) -> None:
     all_games = games(folder)
     sections = {
         "What could be scored": (
-            "Means over the games. *Reference weak*: in so many games more was scored than the reference would have.",
+            "Means over the games. *Reference weak*: the number of games that scored more than the reference would have.",
             accuracies(all_games),
         ),
         "What decisions lost": (

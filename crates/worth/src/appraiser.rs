@@ -25,7 +25,7 @@ pub struct Decided {
     pub is_late: bool,
 }
 
-/// What a decision was, for sums of losses.
+/// Kind of a decision, for sums of losses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     /// The answer had no valid action.

@@ -40,7 +40,7 @@ fn name(action: Option<Action>) -> &'static str {
     action.map_or("nowhere", Action::name)
 }
 
-/// Whether a move led toward the nearest object that the agent's task is about, or away from it.
+/// Direction of a move: toward the nearest object of the agent's task, or away from it.
 fn way(before: &World, after: &World, agent: AgentId) -> Option<String> {
     let state = before.agent_states().nth(agent.index())?;
     let (kind, what) = match before.config().task() {
