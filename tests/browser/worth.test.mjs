@@ -159,6 +159,7 @@ visit("a large map is drawn with rings and outlines, too", async ({ page }, { da
   const round = Number(/\d+/.exec(await first.innerText()));
   await roundIs(page, round);
   const ringed = await drawn();
+  await page.waitForURL(new RegExp(`#r=${round}\\b`));
   await page.route("**/worth?*", (route) => route.fulfill({ json: { reference: "x", values: null, missing: [] } }));
   await page.reload();
   await roundIs(page, round);
@@ -224,7 +225,7 @@ visit("two games are compared by what could still be scored", async ({ page }, {
   assert.deepEqual((await plot.locator("path").evaluateAll((paths) => paths.map((path) => (path.getAttribute("d") ?? "").length > 10))), [true, true]);
   const box = await plot.boundingBox();
   assert.ok(box);
-  await page.mouse.click(box.x + box.width - 1, box.y + 20);
+  await plot.click({ position: { x: box.width - 1, y: 20 } });
   await page.getByRole("img", { name: `Map of game A in round ${ROUNDS}` }).waitFor();
   assert.deepEqual(paths, ["worth?seats=false", "worth?seats=false"]);
 });

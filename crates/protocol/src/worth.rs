@@ -14,7 +14,7 @@ pub struct WorthMethod {
     pub worth_revision: u32,
 }
 
-/// Worth of the states of a game, and what its decisions lost.
+/// Worth of the states of a game, and losses of its decisions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct GameWorth {
@@ -31,7 +31,7 @@ pub struct GameWorth {
     pub method: WorthMethod,
     /// Worth of each state, `rounds + 1` numbers: the score that the reference reaches from there. Null if it is missing.
     pub values: Option<Vec<f64>>,
-    /// What each round lost. Null if it is missing.
+    /// Losses of the rounds, in order. Null if it is missing.
     pub losses: Option<Vec<RoundLoss>>,
     /// The first round from which on the reference would have scored nothing more; null if it would still score.
     pub settled_round: Option<u32>,
@@ -42,11 +42,11 @@ pub struct GameWorth {
     pub reference_is_weak: Option<bool>,
     /// Losses of each seat, by the name of its agent. Null if they are missing.
     pub seats: Option<BTreeMap<String, SeatLoss>>,
-    /// Losses of seats by what their decisions were: `moved`, `waited`, `blocked`, `switched`, `invalid`, `late`.
+    /// Losses of seats by kind of decision: `moved`, `waited`, `blocked`, `switched`, `invalid`, `late`.
     pub kinds: Option<BTreeMap<String, KindLoss>>,
     /// The ten decisions that lost most, the dearest first. Null if they are missing.
     pub dearest: Option<Vec<DearDecision>>,
-    /// What is missing, and why.
+    /// Missing parts, with reasons.
     pub missing: Vec<MissingPart>,
 }
 
@@ -95,9 +95,9 @@ pub struct DearDecision {
     pub round: u32,
     /// Name of the agent.
     pub agent: String,
-    /// What the decision lost.
+    /// Loss of the decision.
     pub loss: f64,
-    /// What the decision was: `moved`, `waited`, `blocked`, `switched`, `invalid` or `late`.
+    /// Kind of the decision: `moved`, `waited`, `blocked`, `switched`, `invalid` or `late`.
     pub kind: String,
     /// Action of the agent; null for none.
     pub action: Option<String>,
@@ -113,7 +113,7 @@ pub struct DearDecision {
 pub struct MissingPart {
     /// The part: `values` or `seats`.
     pub part: String,
-    /// Why it is missing.
+    /// Reason for which it is missing.
     pub detail: String,
 }
 
@@ -154,6 +154,6 @@ pub struct LineAgent {
     pub action: Option<String>,
     /// Row and column after the round.
     pub at: [i32; 2],
-    /// Whether it is on the map after the round.
+    /// True while it is on the map, after the round.
     pub alive: bool,
 }

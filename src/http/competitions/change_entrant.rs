@@ -39,13 +39,10 @@ pub(in super::super) async fn change_entrant(
     Json(change, _): Json<EntrantChange>,
 ) -> Result<axum::Json<EntrantSummary>, ApiError> {
     let wanted = Wanted::of(&app, change)?;
-    let competition = app.stored_competition(&id).await?;
-    wanted.check(&caller, &app.entrant(&competition, &entrant).await?)?;
     detached(async move {
-        // The lock serializes decisions about entrants, and keeps others from entering with the same name.
-        let _lock = app.lock_entrants(&competition).await;
-        let before = app.entrant(&competition, &entrant).await?;
-        wanted.check(&caller, &before)?;
+        let check = |stored: &StoredEntrant| wanted.check(&caller, stored);
+        // The lock also keeps others from entering with the same name.
+        let (competition, _lock, before) = app.lock_entrant(&id, &entrant, check).await?;
         let mut entries = Vec::from_iter(credential.check());
         let has_contact = wanted.contact.is_some();
         // The audit log does not name the old or the new name: they may be erased.
@@ -161,17 +158,13 @@ pub(in super::super) async fn erase_entrant(
     Ids(id, entrant): Ids,
     _: Params<Nothing>,
 ) -> Result<axum::Json<EntrantSummary>, ApiError> {
-    // Rights are checked before the lock is taken, so that a stranger makes nobody wait.
-    let competition = app.stored_competition(&id).await?;
-    let own = app.entrant(&competition, &entrant).await?;
-    check_own(&caller, &own)?;
-    if !caller.is_organizer() && !app.is_founder(&caller, &own).await? {
-        let detail = "a team is erased with the key with which it entered, or by an organizer; other members can remove themselves";
-        return Err(ApiError::new(Code::Forbidden, detail));
-    }
     detached(async move {
-        let _lock = app.lock_entrants(&competition).await;
-        let before = app.entrant(&competition, &entrant).await?;
+        let check = |stored: &StoredEntrant| check_own(&caller, stored);
+        let (competition, _lock, before) = app.lock_entrant(&id, &entrant, check).await?;
+        if !caller.is_organizer() && !app.is_founder(&caller, &before).await? {
+            let detail = "a team is erased with the key with which it entered, or by an organizer; other members can remove themselves";
+            return Err(ApiError::new(Code::Forbidden, detail));
+        }
         if !before.entrant.erased {
             // The lock keeps the competition from being revealed meanwhile.
             let _open = app.runs.block_reveal().await;

@@ -3,7 +3,6 @@
 use axum::Json as JsonBody;
 use axum::http::StatusCode;
 use serde_json::json;
-use tokio::sync::OwnedMutexGuard;
 
 use super::super::answer::with_tokens;
 use super::super::auth::Credential;
@@ -11,7 +10,7 @@ use super::super::extract::ThreeIds;
 use super::super::prelude::*;
 use super::start::check_active;
 use super::{check_not_erased, check_not_over};
-use crate::competitions::{StoredCompetition, StoredEntrant};
+use crate::competitions::StoredEntrant;
 use crate::keys::{Key, KeyRow, Role};
 use crate::store::entries::Entry;
 use swarmbench_protocol::competition::{CreatedMember, MemberList, MemberRequest, MemberSummary};
@@ -72,7 +71,8 @@ pub(in super::super) async fn add_member(
     let name = App::entrant_name(&mut problems, &name);
     let name = problems.none_or(name)?;
     detached(async move {
-        let (competition, _lock, stored) = app.lock_team(&caller, &id, &entrant).await?;
+        let check = |stored: &StoredEntrant| check_team(&caller, stored);
+        let (competition, _lock, stored) = app.lock_entrant(&id, &entrant, check).await?;
         check_not_over(&competition)?;
         let closed = |detail: &str| Err(ApiError::new(Code::Closed, detail));
         check_not_erased(&stored)?;
@@ -138,7 +138,8 @@ pub(in super::super) async fn remove_member(
 ) -> Result<JsonBody<MemberSummary>, ApiError> {
     // A detached task removes the revoked key from the cache, even if the client hangs up.
     detached(async move {
-        let (competition, _lock, stored) = app.lock_team(&caller, &id, &entrant).await?;
+        let check = |stored: &StoredEntrant| check_team(&caller, stored);
+        let (competition, _lock, stored) = app.lock_entrant(&id, &entrant, check).await?;
         let is_own = matches!(&caller, Caller::Key(key) if key.id == member);
         if !is_own && !caller.is_organizer() && !app.is_founder(&caller, &stored).await? {
             let detail = "a member is removed with its own key, with that with which the team entered, or by an organizer";
@@ -162,23 +163,6 @@ pub(in super::super) async fn remove_member(
         Ok(JsonBody(summary(&find().await?)))
     })
     .await
-}
-
-impl App {
-    /// The team of an entrant, which is neither changed nor erased while the lock is held. Rights are checked before the lock is
-    /// taken, so that a stranger makes nobody wait.
-    async fn lock_team(
-        &self,
-        caller: &Caller,
-        id: &str,
-        entrant: &str,
-    ) -> Result<(StoredCompetition, OwnedMutexGuard<()>, StoredEntrant), ApiError> {
-        let competition = self.stored_competition(id).await?;
-        check_team(caller, &self.entrant(&competition, entrant).await?)?;
-        let lock = self.lock_entrants(&competition).await;
-        let stored = self.entrant(&competition, entrant).await?;
-        Ok((competition, lock, stored))
-    }
 }
 
 /// Refuses callers other than the team and organizers.

@@ -59,6 +59,22 @@ impl App {
         self.creations.lock(&format!("enter {}", competition.id)).await
     }
 
+    /// An entrant, which others neither change nor erase while the lock is held. `check` refuses callers without rights before the
+    /// lock is taken, and again under it, as the entrant may have been changed meanwhile.
+    async fn lock_entrant(
+        &self,
+        id: &str,
+        entrant: &str,
+        check: impl Fn(&StoredEntrant) -> Result<(), ApiError>,
+    ) -> Result<(StoredCompetition, OwnedMutexGuard<()>, StoredEntrant), ApiError> {
+        let competition = self.stored_competition(id).await?;
+        check(&self.entrant(&competition, entrant).await?)?;
+        let lock = self.lock_entrants(&competition).await;
+        let stored = self.entrant(&competition, entrant).await?;
+        check(&stored)?;
+        Ok((competition, lock, stored))
+    }
+
     async fn entrant(
         &self,
         competition: &StoredCompetition,

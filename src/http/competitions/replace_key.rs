@@ -33,11 +33,8 @@ pub(in super::super) async fn replace_entrant_key(
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
     detached(async move {
-        let competition = app.stored_competition(&id).await?;
-        let _lock = app.lock_entrants(&competition).await;
-        let stored = app.entrant(&competition, &entrant).await?;
+        let (competition, _lock, stored) = app.lock_entrant(&id, &entrant, check_not_erased).await?;
         let closed = |detail: &str| Err(ApiError::new(Code::Closed, detail));
-        check_not_erased(&stored)?;
         let key = app.store.key(stored.owner).await?;
         let key = key.ok_or_else(|| ApiError::not_found("the entrant's key"))?;
         if key.role != Role::Entrant {

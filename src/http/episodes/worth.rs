@@ -48,7 +48,7 @@ pub(in super::super) struct LineParams {
 /// fork with `"player": "default"` (`docs/evaluate/worth.md`). The answer has the worth of each state, what each round and
 /// each seat lost, and the ten decisions that lost most. A worth of a game that has ended is stored.
 ///
-/// Whoever may fork the episode may read it: it is computed from draws of the future.
+/// Whoever may fork the episode may read it: it is computed from random draws that are still to come.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes/{id}/worth",
