@@ -241,7 +241,7 @@ class Calls:
         of each state, what each round and each seat lost, and the ten decisions that lost most. A worth of a game
         that has ended is stored.
 
-        Whoever may fork the episode may read it: it is computed from draws of the future.
+        Whoever may fork the episode may read it: it is computed from random draws that are still to come.
 
         Args:
             id: The episode's id

@@ -1321,9 +1321,9 @@ class DearDecision(TypedDict):
     agent: str
     """Name of the agent."""
     kind: str
-    """What the decision was: `moved`, `waited`, `blocked`, `switched`, `invalid` or `late`."""
+    """Kind of the decision: `moved`, `waited`, `blocked`, `switched`, `invalid` or `late`."""
     loss: float
-    """What the decision lost."""
+    """Loss of the decision."""
     reference_action: str | None
     """Action of the reference in its place."""
     round: int
@@ -1663,7 +1663,7 @@ class MissingPart(TypedDict):
     """A part of the answer that is missing."""
 
     detail: str
-    """Why it is missing."""
+    """Reason for which it is missing."""
     part: str
     """The part: `values` or `seats`."""
 
@@ -1680,7 +1680,7 @@ class SeatLoss(TypedDict):
 
 
 class GameWorth(WorthMethod):
-    """Worth of the states of a game, and what its decisions lost."""
+    """Worth of the states of a game, and losses of its decisions."""
 
     accuracy: float | None
     """The last worth, which is the score of a game that is over, as a share of the first one: what could be scored
@@ -1691,11 +1691,11 @@ class GameWorth(WorthMethod):
     episode: str | None
     """Id of the game; null for a file that does not say it."""
     kinds: dict[str, KindLoss] | None
-    """Losses of seats by what their decisions were: `moved`, `waited`, `blocked`, `switched`, `invalid`, `late`."""
+    """Losses of seats by kind of decision: `moved`, `waited`, `blocked`, `switched`, `invalid`, `late`."""
     losses: list[RoundLoss] | None
-    """What each round lost. Null if it is missing."""
+    """Losses of the rounds, in order. Null if it is missing."""
     missing: list[MissingPart]
-    """What is missing, and why."""
+    """Missing parts, with reasons."""
     reference_is_weak: bool | None
     """Whether the game scored more than the reference would have from the start: the reference is weak here."""
     rounds: int
@@ -1857,7 +1857,7 @@ class LineAgent(TypedDict):
     agent: str
     """Name of the agent."""
     alive: bool
-    """Whether it is on the map after the round."""
+    """True while it is on the map, after the round."""
     at: list[int]
     """Row and column after the round."""
 
