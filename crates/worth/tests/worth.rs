@@ -120,7 +120,7 @@ const SUMS: [(TaskName, [f64; 2]); 5] = [
     (TaskName::Synchronization, [465.0, 465.0]),
     (TaskName::Foraging, [108.0, 108.0]),
     (TaskName::Flocking, [267.0, 622.0]),
-    (TaskName::Transport, [61.300000000000004, 62.60000000000001]),
+    (TaskName::Transport, [61.300_000_000_000_004, 62.600_000_000_000_01]),
 ];
 
 #[test]

@@ -9,7 +9,7 @@ import runpy
 from pathlib import Path
 from typing import Any
 
-from transformers.utils import get_json_schema
+from transformers.utils.chat_template_utils import get_json_schema
 
 EXAMPLE = Path(__file__).resolve().parents[4] / "examples" / "training" / "trl_grpo.py"
 
