@@ -30,6 +30,7 @@ use super::auth::Caller;
 use super::checks::Problems;
 use super::error::{ApiError, Code};
 use crate::competitions::{self, StoredCompetition, StoredEntrant};
+use crate::fair::Party;
 use crate::ids::{EntryKey, RunKey};
 use crate::keys::NAME_CHARS_MAX;
 use crate::run::RunStatus;
@@ -54,9 +55,12 @@ impl App {
     }
 
     /// Keeps entrants of a competition from being added, renamed and decided about by others. Rights are checked before, so that a
-    /// stranger makes nobody wait.
+    /// stranger makes nobody wait. Others wait for the holder of the lock, so its reads are the server's: those of a party that asks
+    /// for too much are late.
     async fn lock_entrants(&self, competition: &StoredCompetition) -> OwnedMutexGuard<()> {
-        self.creations.lock(&format!("enter {}", competition.id)).await
+        let lock = self.creations.lock(&format!("enter {}", competition.id)).await;
+        Party::SERVER.refine();
+        lock
     }
 
     /// An entrant, which others neither change nor erase while the lock is held. `check` refuses callers without rights before the
