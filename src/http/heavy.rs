@@ -13,16 +13,11 @@ const RENDER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time that a request waits for a permit to replay an earlier round.
 const REPLAY_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Time that an entry into a competition waits for its turn.
-const ENTRY_TIMEOUT: Duration = Duration::from_secs(30);
-
 /// Time that a request waits for a permit to compute a worth.
 const WORTH_TIMEOUT: Duration = Duration::from_secs(30);
 
 pub(super) struct Heavy {
     workers: Workers,
-    /// Permits for entries, so that those of one address do not stand before those of all others at the lock of a competition.
-    entries: FairLimit,
     large_answers: FairLimit,
     /// Permits for replays, each of which may use as much memory as the texts of several rounds.
     replays: FairLimit,
@@ -36,7 +31,6 @@ impl Heavy {
         let shares = Shares { slots_per_member: 1, ..Shares::halved(limits.heavy_at_once_max) };
         Self {
             workers,
-            entries: FairLimit::heavy(shares, ENTRY_TIMEOUT),
             worths: FairLimit::heavy(shares, WORTH_TIMEOUT),
             large_answers: FairLimit::heavy(shares, RENDER_TIMEOUT),
             replays: FairLimit::replays(limits.replays_max, REPLAY_TIMEOUT),
@@ -67,10 +61,6 @@ impl Heavy {
     /// A permit for a large response, if one is free at once.
     pub(super) fn large_answer_at_once(&self) -> Option<Permit> {
         self.large_answers.acquire_at_once(Party::current(), Rank::Normal)
-    }
-
-    pub(super) async fn entry(&self) -> Result<Permit, ApiError> {
-        permit(&self.entries, "too many entries wait; try again later").await
     }
 
     pub(super) async fn worth(&self) -> Result<Permit, ApiError> {

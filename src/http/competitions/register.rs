@@ -64,7 +64,6 @@ pub(in super::super) async fn register_entrant(
     let request = EntrantRequest { name, ..request };
     // The lock makes the limits exact under concurrent entries, and codes usable once.
     detached(async move {
-        let _turn = app.heavy.entry().await?;
         let _lock = app.lock_entrants(&competition).await;
         let sender = (own_key, credential);
         let registered = register(&app, &competition, sender, client.address, request).await;
