@@ -294,6 +294,8 @@ impl<T> Members<T> {
 struct Account<R> {
     running: usize,
     used: Duration,
+    /// Number of the account that began to wait, among all that did.
+    since: u64,
     requests: R,
 }
 
@@ -310,25 +312,28 @@ struct Accounts<K, R> {
     slots: usize,
     known: HashMap<K, Account<R>>,
     order: Order<K>,
-    /// Usage of the account that was served last; new accounts start with it.
+    /// Usage with which new accounts start: at least that of the account that was served last, and what each account would have used
+    /// if those that wait or run had shared all usage equally. So accounts that come only once do not stay before one that comes back.
     floor: Duration,
+    /// Accounts that have begun to wait so far.
+    arrivals: u64,
 }
 
 /// Order in which accounts are served. Reading the first takes constant time, a change logarithmic time.
 #[derive(Debug, PartialEq)]
 struct Order<K> {
-    /// Accounts that may have a slot: by slots in use, then by usage.
-    ready: Ranked<BTreeSet<(usize, Duration, K)>>,
+    /// Accounts that may have a slot: by slots in use, then by usage, then as they came.
+    ready: Ranked<BTreeSet<(usize, Duration, u64, K)>>,
     /// Accounts without requests, waiting or running, by usage.
     idle: BTreeSet<(Duration, K)>,
 }
 
 impl<K: Copy + Ord> Order<K> {
     fn add<R: Requests>(&mut self, name: K, account: &Account<R>, slots: usize) {
-        let Account { running, used, ref requests } = *account;
+        let Account { running, used, since, ref requests } = *account;
         for rank in Rank::ALL {
             if running < slots && requests.is_ready(rank) {
-                self.ready.of_mut(rank).insert((running, used, name));
+                self.ready.of_mut(rank).insert((running, used, since, name));
             }
         }
         if account.is_idle() {
@@ -338,7 +343,7 @@ impl<K: Copy + Ord> Order<K> {
 
     fn remove<R>(&mut self, name: K, account: &Account<R>) {
         for rank in Rank::ALL {
-            self.ready.of_mut(rank).remove(&(account.running, account.used, name));
+            self.ready.of_mut(rank).remove(&(account.running, account.used, account.since, name));
         }
         self.idle.remove(&(account.used, name));
     }
@@ -348,7 +353,7 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
     fn new(slots: usize) -> Self {
         let ready = Ranked { urgent: BTreeSet::new(), normal: BTreeSet::new() };
         let order = Order { ready, idle: BTreeSet::new() };
-        Self { slots, known: HashMap::new(), order, floor: Duration::ZERO }
+        Self { slots, known: HashMap::new(), order, floor: Duration::ZERO, arrivals: 0 }
     }
 
     /// Changes a known account, and its place in the order.
@@ -363,15 +368,21 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
     /// Adds a request to an account, which may be new. A known account has used at least as much as a new one starts with: it is
     /// forgotten once the others have caught up with it.
     fn add(&mut self, name: K, new: impl FnOnce() -> R, add: impl FnOnce(&mut R)) {
-        let floor = self.floor;
-        let begin = || Account { running: 0, used: floor, requests: new() };
+        let (floor, since) = (self.floor, self.arrivals);
+        self.arrivals += 1;
+        let begin = || Account { running: 0, used: floor, since, requests: new() };
         self.known.entry(name).or_insert_with(begin);
-        self.change(name, |account| add(&mut account.requests));
+        self.change(name, |account| {
+            if account.requests.is_empty() {
+                account.since = since;
+            }
+            add(&mut account.requests);
+        });
     }
 
     /// Gives a slot to the next account, and takes one of its requests.
     fn pop<T>(&mut self, rank: Rank, take: impl FnOnce(&mut R) -> T) -> Option<(K, T)> {
-        let (_, used, name) = *self.order.ready.of(rank).first()?;
+        let (_, used, _, name) = *self.order.ready.of(rank).first()?;
         self.floor = self.floor.max(used);
         let request = self.change(name, |account| {
             account.running += 1;
@@ -382,6 +393,8 @@ impl<K: Copy + Ord + Hash, R: Requests> Accounts<K, R> {
 
     /// Frees a slot of an account.
     fn done(&mut self, name: K, used: Duration, then: impl FnOnce(&mut R)) {
+        let active = self.known.len() - self.order.idle.len();
+        self.floor += used / u32::try_from(active).unwrap_or(u32::MAX);
         self.change(name, |account| {
             account.running -= 1;
             account.used += used;
@@ -413,9 +426,9 @@ pub const PARTIES_REMEMBERED_MAX: usize = 16_384;
 
 /// A queue of requests for slots, in the order in which they get one.
 ///
-/// The next group is the one with the fewest slots in use, and among equals the one that has used slots for the least time. The
-/// same holds for the members of the group. A group that returns after a pause starts at the least time of the others, so that a
-/// pause gives no advantage.
+/// The next group is the one with the fewest slots in use, among equals the one that has used slots for the least time, and among
+/// equals the one that came first. The same holds for the members of the group. A group that returns after a pause starts at what
+/// each of the others has used since, so that a pause gives no advantage.
 ///
 /// Every operation except [`FairQueue::retain`] takes time logarithmic in the number of groups and members.
 #[derive(Debug)]
@@ -777,6 +790,29 @@ mod tests {
         }
         let got = serve(&mut queue, 200);
         assert!(got[&owner(1)].abs_diff(got[&owner(2)]) <= 20, "{got:?}");
+    }
+
+    #[test]
+    fn groups_that_come_once_do_not_stay_before_one_that_comes_back() {
+        let mut queue = FairQueue::new(SHARES);
+        let guest = |number| Party::of(Group::Address(IpAddr::from([198, 18, 0, number])));
+        let (mut next, mut waited) = (0, Vec::new());
+        for _ in 0..9 {
+            queue.push(owner(9), Rank::Normal, 10).expect("room");
+            for turn in 0.. {
+                while queue.waiting() < 6 {
+                    queue.push(guest(next), Rank::Normal, 10).expect("room");
+                    next += 1;
+                }
+                let (party, rank, cost) = queue.pop().expect("somebody waits");
+                queue.done(party, rank, Duration::from_millis(cost));
+                if party == owner(9) {
+                    waited.push(turn);
+                    break;
+                }
+            }
+        }
+        assert!(waited.iter().all(|turns| *turns <= 12), "{waited:?}");
     }
 
     #[test]
