@@ -6,7 +6,7 @@ use std::thread;
 use anyhow::{Context, bail};
 use swarmbench_protocol::run::RunDetail;
 use swarmbench_protocol::worth::GameWorth;
-use swarmbench_worth::{appraise, game_of, sent};
+use swarmbench_worth::{Appraiser, game_of, sent};
 
 use super::journals::Journal;
 use super::options::ServerArgs;
@@ -73,9 +73,9 @@ pub fn of(
     let threads = threads.or_else(|| thread::available_parallelism().ok());
     let (report, game) = game_of(journal.open()?)?;
     let bar = progress_bar("{bar:30} round {pos} of {len}, {eta} left");
-    let worth = appraise(&game, with_seats, threads.map_or(1, NonZero::get), |done, of| {
-        set(&bar, done as u64, of as u64);
-    });
+    let (threads, rounds) = (threads.map_or(1, NonZero::get), game.rounds.len() as u64);
+    let appraiser = Appraiser::new(game.clone(), with_seats);
+    let worth = appraiser.finish_on(threads, |done| set(&bar, done as u64, rounds));
     bar.finish_and_clear();
     Ok(GameWorth { episode: Some(report.opening.episode), ..sent(&game, &worth) })
 }
@@ -186,15 +186,13 @@ fn show_run(games: &[GameWorth]) {
         ]);
     }
     out!("{shown}");
-    let of_game = |worth: &GameWorth| {
-        let name = worth.episode.clone().unwrap_or_default();
-        let dearest = worth.dearest.clone().into_iter().flatten();
-        let line = move |dear: swarmbench_protocol::worth::DearDecision| {
-            (dear.loss, format!("{name}, round {}: {}", dear.round, dear.words))
-        };
-        dearest.map(line).collect::<Vec<_>>()
-    };
-    let mut all: Vec<_> = games.iter().flat_map(of_game).collect();
+    let mut all = Vec::new();
+    for worth in games {
+        let name = worth.episode.as_deref().unwrap_or_default();
+        for dear in worth.dearest.iter().flatten() {
+            all.push((dear.loss, format!("{name}, round {}: {}", dear.round, dear.words)));
+        }
+    }
     all.sort_by(|(a, _), (b, _)| b.total_cmp(a));
     show_dearest(all.into_iter().take(DEAREST));
 }

@@ -1,9 +1,13 @@
 //! Rollouts of the reference swarm from the states of a game.
 
 use std::sync::Arc;
+use std::thread;
 
 use swarmbench_engine::{Act, Action, AgentId, Scratch, World};
 use swarmbench_players::{BuiltIn, Player, Seat, default_for};
+
+/// Rollouts of a thread before their values are noted.
+const ROLLOUTS_OF_A_THREAD: usize = 4;
 
 /// A game as it was played.
 #[derive(Clone, Debug)]
@@ -112,8 +116,6 @@ impl Worth {
 /// A value that a rollout has, or another one has as well.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Known {
-    /// Another appraiser computes it.
-    Elsewhere,
     /// The same as the worth before the round.
     AsBefore,
     /// The same as the worth after the round.
@@ -121,24 +123,46 @@ enum Known {
     Rolled(f64),
 }
 
-/// Computes the worth of a game in pieces. The result does not depend on the pieces, nor on how many appraisers share the work.
+/// What an appraiser did.
+enum Step {
+    /// It decided or resolved a round.
+    Prepared,
+    Rollout(Rollout),
+    /// Nothing is left.
+    Over,
+}
+
+/// A round with these acts, from which the reference plays on.
+struct Rollout {
+    /// Round, and number of the rollout in it.
+    place: (usize, usize),
+    world: World,
+    players: Players,
+    acts: Vec<Act>,
+}
+
+impl Rollout {
+    /// Plays to the end of the game. Returns the number of decisions.
+    fn run(&mut self, scratch: &mut Scratch) -> u64 {
+        self.world.step_in(&self.acts, scratch);
+        self.players.play_on(&mut self.world, scratch)
+    }
+}
+
+/// Computes the worth of a game in pieces. The result depends neither on the pieces nor on the number of threads.
 pub struct Appraiser {
     game: Game,
     with_seats: bool,
-    /// Number of this appraiser, and of all that share the work.
-    share: (usize, usize),
     world: World,
     /// Players of the reference, by seat, which have seen all states before this one.
     players: Players,
     /// The reference's acts in this state, once they are decided; the players have seen it then.
     decided: Option<Vec<Act>>,
-    /// The next rollout of this round: 0 for the worth, then seat by seat.
-    next: usize,
     scratch: Scratch,
     /// Decisions that were computed so far.
     decisions: u64,
-    values: Vec<Known>,
-    seats: Vec<Vec<Known>>,
+    /// By round: the worth before it, then the worth after it with the reference's act of each seat.
+    known: Vec<Vec<Known>>,
     scores: Vec<f64>,
     kinds: Vec<Vec<Option<Kind>>>,
     reference_acts: Vec<Vec<Act>>,
@@ -148,111 +172,144 @@ impl Appraiser {
     /// Begins with a game; `with_seats` adds the losses of each seat, which take as many times longer as there are seats.
     #[must_use]
     pub fn new(game: Game, with_seats: bool) -> Self {
-        Self::sharing(game, with_seats, (0, 1))
-    }
-
-    /// Begins with the part `share.0` of `share.1` of the work; [`Self::join`] puts the parts together.
-    #[must_use]
-    pub fn sharing(game: Game, with_seats: bool, share: (usize, usize)) -> Self {
         let world = World::clone(&game.layout);
-        let players = Players::new(&world);
         Self {
+            players: Players::new(&world),
             scores: vec![world.score()],
             game,
             with_seats,
-            share,
             world,
-            players,
             decided: None,
-            next: 0,
             scratch: Scratch::default(),
             decisions: 0,
-            values: Vec::new(),
-            seats: Vec::new(),
+            known: Vec::new(),
             kinds: Vec::new(),
             reference_acts: Vec::new(),
         }
-    }
-
-    /// Number of rounds whose rollouts are done.
-    #[must_use]
-    pub const fn rounds(&self) -> usize {
-        self.values.len()
     }
 
     /// Works until `decisions` more decisions of players were computed, or a rollout longer. True once all is done.
     pub fn work(&mut self, decisions: u64) -> bool {
         let until = self.decisions.saturating_add(decisions);
         while self.decisions < until {
-            if !self.advance() {
-                return true;
+            match self.advance() {
+                Step::Prepared => {}
+                Step::Rollout(mut rollout) => {
+                    self.decisions += rollout.run(&mut self.scratch);
+                    self.note(&rollout);
+                }
+                Step::Over => return true,
             }
         }
-        self.rounds() == self.game.rounds.len()
+        false
+    }
+
+    /// Works to the end on some threads; their number changes nothing but the time. Calls `progress` with the rounds that are done.
+    pub fn finish_on(mut self, threads: usize, progress: impl Fn(usize)) -> Worth {
+        let (at_once, mut is_over) = (threads.max(1) * ROLLOUTS_OF_A_THREAD, false);
+        while !is_over {
+            let mut rollouts = Vec::new();
+            while rollouts.len() < at_once && !is_over {
+                match self.advance() {
+                    Step::Prepared => {}
+                    Step::Rollout(rollout) => rollouts.push(rollout),
+                    Step::Over => is_over = true,
+                }
+            }
+            thread::scope(|scope| {
+                for some in rollouts.chunks_mut(ROLLOUTS_OF_A_THREAD) {
+                    scope.spawn(|| {
+                        let mut scratch = Scratch::default();
+                        for rollout in some {
+                            rollout.run(&mut scratch);
+                        }
+                    });
+                }
+            });
+            rollouts.iter().for_each(|rollout| self.note(rollout));
+            progress(self.kinds.len());
+        }
+        self.finish()
     }
 
     /// Works to the end.
     #[must_use]
     pub fn finish(mut self) -> Worth {
         while !self.work(u64::MAX) {}
-        Self::join(vec![self])
+        // A game that is not over has something to score after its last round.
+        let mut world = self.world.clone();
+        self.players.play_on(&mut world, &mut self.scratch);
+        let mut values = vec![world.score(); self.known.len() + 1];
+        for (round, known) in self.known.iter().enumerate().rev() {
+            values[round] = known[0].value(values[round], values[round + 1]);
+        }
+        let losses = |(round, known): (usize, &Vec<Known>)| {
+            let (before, after) = (values[round], values[round + 1]);
+            known[1..].iter().map(|known| known.value(before, after) - after).collect()
+        };
+        let seats = self.with_seats.then(|| self.known.iter().enumerate().map(losses).collect());
+        Worth {
+            reference: reference(&self.game.layout).name,
+            score: self.world.score(),
+            values,
+            scores: self.scores,
+            seats,
+            kinds: self.kinds,
+            reference_acts: self.reference_acts,
+        }
     }
 
-    /// Does the next rollout, or resolves the round if it has no more. False at the end of the game.
-    fn advance(&mut self) -> bool {
-        let round = self.rounds();
-        let Some(acts) = self.game.rounds.get(round) else { return false };
+    /// Decides a round, prepares its next rollout, or resolves it if it has no more.
+    fn advance(&mut self) -> Step {
+        let round = self.kinds.len();
+        let Some(acts) = self.game.rounds.get(round) else { return Step::Over };
         let acts: Vec<Act> = acts.iter().map(|decided| decided.act.clone()).collect();
         let Some(reference) = &self.decided else {
             let reference = self.players.decide(&self.world);
             self.decisions += reference.len() as u64;
             self.decided = Some(reference);
-            self.seats.push(Vec::new());
-            self.next = 0;
-            return true;
+            self.known.push(Vec::new());
+            return Step::Prepared;
         };
-        let rollouts = if self.with_seats { acts.len() + 1 } else { 1 };
-        if self.next == rollouts {
+        let next = self.known[round].len();
+        if next == if self.with_seats { acts.len() + 1 } else { 1 } {
             self.resolve(round, &acts);
-            return true;
+            return Step::Prepared;
         }
-        let differs = |agent: AgentId| {
-            self.world.is_alive(agent) && acts[agent.index()] != reference[agent.index()]
+        let differing: Vec<usize> = self
+            .world
+            .agents()
+            .filter(|agent| self.world.is_alive(*agent))
+            .map(AgentId::index)
+            .filter(|agent| acts[*agent] != reference[*agent])
+            .collect();
+        let known = match next.checked_sub(1) {
+            None if differing.is_empty() => Some(Known::AsAfter),
+            Some(seat) if differing == [seat] => Some(Known::AsBefore),
+            Some(seat) if !differing.contains(&seat) => Some(Known::AsAfter),
+            _ => None,
         };
-        let (known, first) = match self.next.checked_sub(1) {
-            None => {
-                let is_same = !self.world.agents().any(differs);
-                (is_same.then_some(Known::AsAfter), reference.clone())
-            }
+        // A rollout notes its value when it has run.
+        self.known[round].push(known.unwrap_or(Known::Rolled(f64::NAN)));
+        if known.is_some() {
+            return Step::Prepared;
+        }
+        let acts = match next.checked_sub(1) {
+            None => reference.clone(),
             Some(seat) => {
-                let mut changed = acts.clone();
+                let mut changed = acts;
                 changed[seat].clone_from(&reference[seat]);
-                let mut others = self.world.agents().filter(|agent| differs(*agent));
-                let known = match (others.next(), others.next()) {
-                    (Some(only), None) if only.index() == seat => Some(Known::AsBefore),
-                    _ if !differs(AgentId(u16::try_from(seat).unwrap_or(u16::MAX))) => {
-                        Some(Known::AsAfter)
-                    }
-                    _ => None,
-                };
-                (known, changed)
+                changed
             }
         };
-        let is_mine = round % self.share.1 == self.share.0;
-        let known = match known {
-            Some(known) => known,
-            None if !is_mine => Known::Elsewhere,
-            None => {
-                let mut world = self.world.clone();
-                world.step_in(&first, &mut self.scratch);
-                let mut players = self.players.clone();
-                self.decisions += players.play_on(&mut world, &mut self.scratch);
-                Known::Rolled(world.score())
-            }
-        };
-        self.seats[round].push(known);
-        self.next += 1;
-        true
+        let (world, players) = (self.world.clone(), self.players.clone());
+        Step::Rollout(Rollout { place: (round, next), world, players, acts })
+    }
+
+    /// Notes the value of a rollout that has run.
+    fn note(&mut self, rollout: &Rollout) {
+        let (round, number) = rollout.place;
+        self.known[round][number] = Known::Rolled(rollout.world.score());
     }
 
     /// Resolves a round as it was played.
@@ -264,63 +321,17 @@ impl Appraiser {
             before.is_alive(agent).then(|| Kind::of(decided, agent, &before, &self.world))
         };
         self.kinds.push(before.agents().map(kind).collect());
-        self.values.push(self.seats[round].remove(0));
         self.scores.push(self.world.score());
         self.reference_acts.extend(self.decided.take());
-    }
-
-    /// Puts the parts of the work together. All of them are done.
-    ///
-    /// # Panics
-    /// Panics if a part is missing.
-    #[must_use]
-    pub fn join(parts: Vec<Self>) -> Worth {
-        let mut parts = parts.into_iter();
-        let mut all = parts.next().expect("there is a part");
-        for part in parts {
-            let here = all.values.iter_mut().chain(all.seats.iter_mut().flatten());
-            for (known, other) in here.zip(part.values.iter().chain(part.seats.iter().flatten())) {
-                if *known == Known::Elsewhere {
-                    *known = *other;
-                }
-            }
-        }
-        // A game that is not over has something to score after its last round.
-        let last = all.last_value();
-        let mut values = vec![last; all.values.len() + 1];
-        for (round, known) in all.values.iter().enumerate().rev() {
-            values[round] = known.value(values[round], values[round + 1]);
-        }
-        let losses = |(round, seats): (usize, &Vec<Known>)| {
-            let (before, after) = (values[round], values[round + 1]);
-            seats.iter().map(|known| known.value(before, after) - after).collect()
-        };
-        let seats = all.with_seats.then(|| all.seats.iter().enumerate().map(losses).collect());
-        Worth {
-            reference: reference(&all.game.layout).name,
-            score: all.world.score(),
-            values,
-            scores: all.scores,
-            seats,
-            kinds: all.kinds,
-            reference_acts: all.reference_acts,
-        }
-    }
-
-    fn last_value(&mut self) -> f64 {
-        let mut world = self.world.clone();
-        self.players.play_on(&mut world, &mut self.scratch);
-        world.score()
     }
 }
 
 impl Known {
-    fn value(self, before: f64, after: f64) -> f64 {
+    const fn value(self, before: f64, after: f64) -> f64 {
         match self {
             Self::Rolled(value) => value,
             Self::AsBefore => before,
             Self::AsAfter => after,
-            Self::Elsewhere => unreachable!("a part of the work is missing"),
         }
     }
 }

@@ -26,7 +26,7 @@ mod sent;
 mod words;
 
 pub use appraiser::{Appraiser, Decided, Game, Kind, Worth};
-pub use journal::{appraise, decided, game_of};
+pub use journal::{decided, game_of};
 pub use line::{LineRound, line};
 pub use sent::{WORTH_DECISIONS_MAX, decisions_of, method, sent, sent_line, without};
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use swarmbench_engine::{Act, Action, AgentId, Config, RuleSet, Settings, TaskName, World};
 use swarmbench_players::{BuiltIn, Player, Seat, default_for, find};
-use swarmbench_worth::{Appraiser, Decided, Game, WORTH_REVISION, Worth, appraise, line, sent};
+use swarmbench_worth::{Appraiser, Decided, Game, WORTH_REVISION, Worth, line, sent};
 
 /// Seeds of each task; `.ci/full` sets 100.
 fn seeds() -> u64 {
@@ -230,7 +230,8 @@ fn threads_and_pieces_change_nothing() {
     let game = game(layout(TaskName::Foraging, RuleSet::Paper, 5), random(), |_, _| {});
     let expected = worth(&game, true);
     for threads in [1, 2, 3, 7] {
-        assert_eq!(appraise(&game, true, threads, |_, _| {}), expected);
+        let appraiser = Appraiser::new(game.clone(), true);
+        assert_eq!(appraiser.finish_on(threads, |_| {}), expected);
     }
     let mut pieces = Appraiser::new(game, true);
     while !pieces.work(1) {}
