@@ -127,7 +127,7 @@ enum Known {
 enum Step {
     /// It decided or resolved a round.
     Prepared,
-    Rollout(Rollout),
+    Rollout(Box<Rollout>),
     /// Nothing is left.
     Over,
 }
@@ -226,7 +226,9 @@ impl Appraiser {
                     });
                 }
             });
-            rollouts.iter().for_each(|rollout| self.note(rollout));
+            for rollout in &rollouts {
+                self.note(rollout);
+            }
             progress(self.kinds.len());
         }
         self.finish()
@@ -303,7 +305,7 @@ impl Appraiser {
             }
         };
         let (world, players) = (self.world.clone(), self.players.clone());
-        Step::Rollout(Rollout { place: (round, next), world, players, acts })
+        Step::Rollout(Box::new(Rollout { place: (round, next), world, players, acts }))
     }
 
     /// Notes the value of a rollout that has run.
