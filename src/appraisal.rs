@@ -1,11 +1,10 @@
 //! The worth of stored games (`docs/evaluate/worth.md`): rollouts on the worker threads, in pieces.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use swarmbench_engine::{Config, World};
-use swarmbench_worth::{
-    Appraiser, Decided, Game, WORTH_DECISIONS_MAX, Worth, decided, decisions_of,
-};
+use swarmbench_worth::{Decided, Game, cost, decided};
 
 use crate::episode::actor::Host;
 use crate::episode::heavy::step_micros;
@@ -16,39 +15,24 @@ use crate::measure::layout_of;
 use crate::store::port::StoredEpisode;
 use crate::work::{Cancelled, WorkError, Workers};
 
-/// Decisions that are computed in one piece, about a tenth of a second; a single rollout may take longer.
+/// Decisions that are computed in one piece, about a tenth of a second.
 const PIECE: u64 = 2000;
 
-/// Seconds that all rounds of the rollouts of one game may take, without the decisions of players.
-const WORTH_SECONDS_MAX: u64 = 60;
+/// Seconds that the worth of one game may take by an estimate. 100 rounds of 16 agents take fewer, with the losses of all seats.
+const WORTH_SECONDS_MAX: u64 = 90;
 
-/// Microseconds of a decision, for the estimate of a replay that shows players all states.
+/// Microseconds of a player's decision, for estimates.
 const MICROS_OF_A_DECISION: u64 = 50;
-
-/// Bytes of a decision in memory, its message included.
-const DECISION_BYTES: usize = 512;
-
-/// Bytes of a game's decisions in memory.
-pub fn game_bytes(config: &Config, rounds: u32) -> usize {
-    rounds as usize * usize::from(config.num_agents()) * DECISION_BYTES
-}
 
 /// Why the worth of a game is not computed, or its seats' losses if `with_seats`; `None` if it is.
 pub fn too_much(config: &Config, rounds: u32, with_seats: bool) -> Option<String> {
-    let decisions = decisions_of(config, rounds, with_seats);
-    let what = if with_seats { "losses of seats take" } else { "it takes" };
-    if decisions > WORTH_DECISIONS_MAX {
-        return Some(format!(
-            "{what} up to {decisions} decisions of the reference, more than worth_decisions_max, {WORTH_DECISIONS_MAX}"
-        ));
-    }
-    let steps = decisions / u64::from(config.num_agents()).max(1);
-    let micros = steps.saturating_mul(step_micros(config));
+    let (rolled, decisions) = cost(config, rounds, with_seats);
+    let micros = rolled.saturating_mul(step_micros(config));
+    let micros = micros.saturating_add(decisions.saturating_mul(MICROS_OF_A_DECISION));
     let seconds = micros / 1_000_000;
+    let what = if with_seats { "losses of seats take" } else { "it takes" };
     (seconds > WORTH_SECONDS_MAX).then(|| {
-        format!(
-            "{what} about {seconds} s of rounds of this size, more than worth_seconds_max, {WORTH_SECONDS_MAX}"
-        )
+        format!("{what} up to {seconds} s, more than worth_seconds_max, {WORTH_SECONDS_MAX}")
     })
 }
 
@@ -60,14 +44,7 @@ pub async fn game(
     party: Party,
 ) -> Result<Game, RecoveryError> {
     let layout = layout_of(stored)?;
-    let rounds = Rounds {
-        id: &stored.id,
-        key: stored.episode,
-        to,
-        checked: false,
-        work: ("worth", party),
-        see_micros: MICROS_OF_A_DECISION,
-    };
+    let rounds = Rounds::of(stored, to, ("worth", party), MICROS_OF_A_DECISION);
     let seen: Result<Vec<Vec<Decided>>, String> = Ok(Vec::new());
     let (_, seen) = rounds
         .play(host, Arc::clone(&layout), seen, |seen, acts, world: &Arc<World>| {
@@ -82,24 +59,20 @@ pub async fn game(
     Ok(Game { layout, rounds: seen.map_err(broken)? })
 }
 
-/// Computes the worth of a game in pieces, each in its party's turn.
-pub async fn appraise(
+/// Works to the end in pieces, each in its party's turn. `work` gets the number of decisions of a piece.
+pub async fn in_pieces<W: Send + 'static, R: Send + 'static>(
     workers: &Workers,
-    game: Game,
-    with_seats: bool,
     party: Party,
-) -> Result<(Game, Worth), WorkError> {
-    let mut appraiser = Box::new(Appraiser::new(game.clone(), with_seats));
+    begin: impl FnOnce() -> W + Send + 'static,
+    work: fn(Box<W>, u64) -> ControlFlow<R, Box<W>>,
+) -> Result<R, WorkError> {
+    let begin = move |_: &Cancelled<'_>| Box::new(begin());
+    let mut unfinished = workers.run("worth", party, Rank::Normal, begin).await?;
     loop {
-        let piece = move |_: &Cancelled<'_>| {
-            let is_done = appraiser.work(PIECE);
-            (appraiser, is_done)
-        };
-        let is_done;
-        (appraiser, is_done) = workers.run("worth", party, Rank::Normal, piece).await?;
-        if is_done {
-            let finish = move |_: &Cancelled<'_>| (game, appraiser.finish());
-            return workers.run("worth", party, Rank::Normal, finish).await;
+        let piece = move |_: &Cancelled<'_>| work(unfinished, PIECE);
+        match workers.run("worth", party, Rank::Normal, piece).await? {
+            ControlFlow::Continue(more) => unfinished = more,
+            ControlFlow::Break(result) => return Ok(result),
         }
     }
 }

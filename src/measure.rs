@@ -120,14 +120,7 @@ pub async fn measure(
     let layout = layout_of(stored)?;
     let micros = MICROS_OF_AN_AGENT * u64::from(layout.config().num_agents());
     let meter = Meter::new(Setup::of(&layout), State::of(&layout), Options::all(series));
-    let rounds = Rounds {
-        id: &stored.id,
-        key: stored.episode,
-        to,
-        checked: false,
-        work: ("measure", party),
-        see_micros: micros,
-    };
+    let rounds = Rounds::of(stored, to, ("measure", party), micros);
     let (_, meter) = rounds
         .play(host, layout, meter, |meter, acts, world| {
             let acts = acts.iter().map(|(_, act)| &act.record);

@@ -25,7 +25,7 @@ use crate::run::definition;
 use crate::store::entries::ImportedRound;
 use crate::store::episodes::{Filter, Readable};
 use crate::store::imports::{ImportFilter, StoredImport};
-use crate::store::metrics::{Measured, WORTH, stored_method};
+use crate::store::metrics::{Measured, stored_method};
 use crate::store::port::StoredEpisode;
 use crate::store::records::ActReader;
 use crate::store::{Store, StoreError};
@@ -289,8 +289,7 @@ impl<'a> Export<'a> {
 
     /// The stored worth of an episode.
     fn worth(&self, key: EpisodeKey) -> Result<Option<GameWorth>, ExportError> {
-        let found = self.runtime.block_on(self.store.metrics_of(key, WORTH))?;
-        Ok(found.and_then(|worth| serde_json::from_str(&worth).ok()))
+        Ok(self.runtime.block_on(self.store.worth_of(key))?)
     }
 
     /// Stored metrics of an episode, or else those of a replay.

@@ -56,6 +56,14 @@ fn beside_states(spec: &Spec) -> usize {
     EPISODE + declared + usize::from(spec.config.num_agents()) * SEAT
 }
 
+/// Upper bound of the bytes that the worth of `rounds` rounds takes: their decisions, and states and players of the game and of a
+/// rollout.
+pub fn of_worth(config: &Config, rounds: u32) -> usize {
+    let agents = usize::from(config.num_agents());
+    let decisions = rounds as usize * agents * AGENT;
+    decisions + 3 * of_world(config, config.max_round()) + 2 * of_players(config, agents)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -61,14 +61,8 @@ impl Past {
         let lay_out = move |_: &Cancelled<'_>| Arc::new(World::new(config));
         let share = (party, Rank::Normal);
         let layout = off_thread(&host.workers, "layout", share, true, lay_out).await?;
-        let rounds = Rounds {
-            id: &parent.id,
-            key: parent.episode,
-            to: round,
-            checked: true,
-            work: ("fork", party),
-            see_micros: WRITE_MICROS,
-        };
+        let rounds = Rounds::of(parent, round, ("fork", party), WRITE_MICROS);
+        let rounds = Rounds { checked: true, ..rounds };
         let past = Self::none(Arc::clone(&layout));
         let (world, past) = rounds.play(host, layout, past, Self::see).await?;
         Ok(Self { world, ..past })

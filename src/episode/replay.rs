@@ -10,7 +10,7 @@ use super::heavy::{self, off_thread, step_micros};
 use super::replays::RecoveryError;
 use crate::fair::{Party, Rank};
 use crate::ids::{EpisodeId, EpisodeKey};
-use crate::store::port::{RoundActs, StoredRound};
+use crate::store::port::{RoundActs, StoredEpisode, StoredRound};
 use crate::work::Cancelled;
 use swarmbench_journal::replay::{Replayer, RoundFault, acts_of};
 
@@ -53,7 +53,17 @@ pub struct Rounds<'a> {
     pub see_micros: u64,
 }
 
-impl Rounds<'_> {
+impl<'a> Rounds<'a> {
+    /// The first `to` rounds of a stored episode, for a reader of every state.
+    pub const fn of(
+        stored: &'a StoredEpisode,
+        to: u32,
+        work: (&'static str, Party),
+        see_micros: u64,
+    ) -> Self {
+        Self { id: &stored.id, key: stored.episode, to, checked: false, work, see_micros }
+    }
+
     /// Plays the rounds from `world` on, piece by piece, and yields in between. `see` gets the acts of each round and the state
     /// after it.
     pub async fn play<S: Send + 'static>(

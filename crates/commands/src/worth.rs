@@ -74,10 +74,10 @@ pub fn of(
     let (report, game) = game_of(journal.open()?)?;
     let bar = progress_bar("{bar:30} round {pos} of {len}, {eta} left");
     let (threads, rounds) = (threads.map_or(1, NonZero::get), game.rounds.len() as u64);
-    let appraiser = Appraiser::new(game.clone(), with_seats);
+    let appraiser = Appraiser::new(game, with_seats);
     let worth = appraiser.finish_on(threads, |done| set(&bar, done as u64, rounds));
     bar.finish_and_clear();
-    Ok(GameWorth { episode: Some(report.opening.episode), ..sent(&game, &worth) })
+    Ok(GameWorth { episode: Some(report.opening.episode), ..sent(&worth) })
 }
 
 async fn of_run(args: Args) -> anyhow::Result<()> {
@@ -104,11 +104,8 @@ fn show(worth: &GameWorth) {
     let name = worth.episode.as_deref().unwrap_or("a game");
     out!("{name}: {}, {} rounds", worth.task, worth.rounds);
     out!("{}", fields(summary(worth)));
-    let weak = worth.reference_is_weak == Some(true);
-    if weak {
-        out!(
-            "The reference is weak here: from the start it would have scored less than this game."
-        );
+    if worth.reference_is_weak == Some(true) {
+        out!("The reference is weak here: from the start it would score less than this game.");
     }
     out!("\nWorth of some states: what {} still reaches from there", worth.method.reference);
     let mut curve = table(&["round", "worth", "lost since the row above"]);

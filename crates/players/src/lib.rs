@@ -45,32 +45,18 @@ mod talk;
 mod transport;
 mod walk;
 
+use dyn_clone::DynClone;
 use sha2::{Digest as _, Sha256};
 use swarmbench_engine::{Act, AgentId, Config, Observation, RuleSet, TaskName};
 
-/// A player for one seat. Deterministic: its decisions depend only on its [`Seat`] and its observations.
-pub trait Player: ClonePlayer + Send {
+/// A player for one seat. Deterministic: its decisions depend only on its [`Seat`] and its observations. A clone decides like the player
+/// if it is shown the same.
+pub trait Player: DynClone + Send {
     /// Decides the act for the round that the observation shows.
     fn decide(&mut self, observation: &Observation) -> Act;
 }
 
-/// Copies of players, with all that they remember; of every player that is [`Clone`].
-pub trait ClonePlayer {
-    /// A player that decides from now on like this one, if it is shown the same.
-    fn clone_player(&self) -> Box<dyn Player>;
-}
-
-impl<P: Player + Clone + 'static> ClonePlayer for P {
-    fn clone_player(&self) -> Box<dyn Player> {
-        Box::new(self.clone())
-    }
-}
-
-impl Clone for Box<dyn Player> {
-    fn clone(&self) -> Self {
-        (**self).clone_player()
-    }
-}
+dyn_clone::clone_trait_object!(Player);
 
 /// A seat: what an agent may know before the game, and the seed of its player.
 #[derive(Clone, Debug, PartialEq, Eq)]

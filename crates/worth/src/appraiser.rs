@@ -1,13 +1,17 @@
 //! Rollouts of the reference swarm from the states of a game.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::thread;
+use std::{iter, thread};
 
-use swarmbench_engine::{Act, Action, AgentId, Scratch, World};
+use swarmbench_engine::{Act, Action, AgentId, Config, Scratch, World};
 use swarmbench_players::{BuiltIn, Player, Seat, default_for};
 
 /// Rollouts of a thread before their values are noted.
 const ROLLOUTS_OF_A_THREAD: usize = 4;
+
+/// Cells of players' memories that are copied in the time of a decision.
+const CELLS_OF_A_DECISION: u64 = 6000;
 
 /// A game as it was played.
 #[derive(Clone, Debug)]
@@ -29,41 +33,26 @@ pub struct Decided {
     pub is_late: bool,
 }
 
-/// Kind of a decision, for sums of losses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
-    /// The answer had no valid action.
-    Invalid,
-    /// The clock of the seat expired.
-    Late,
-    /// The agent pushed and did not move.
-    Blocked,
-    /// The agent stayed, or did nothing.
-    Waited,
-    /// The agent moved.
-    Moved,
-    /// The agent switched its light.
-    Switched,
+swarmbench_engine::named! {
+    /// Kind of a decision, for sums of losses.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Kind {
+        /// The answer had no valid action.
+        Invalid = "invalid",
+        /// The clock of the seat expired.
+        Late = "late",
+        /// The agent pushed and did not move.
+        Blocked = "blocked",
+        /// The agent stayed, or did nothing.
+        Waited = "waited",
+        /// The agent moved.
+        Moved = "moved",
+        /// The agent switched its light.
+        Switched = "switched",
+    }
 }
 
 impl Kind {
-    /// All kinds.
-    pub const ALL: [Self; 6] =
-        [Self::Invalid, Self::Late, Self::Blocked, Self::Waited, Self::Moved, Self::Switched];
-
-    /// The name, in lower case.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Invalid => "invalid",
-            Self::Late => "late",
-            Self::Blocked => "blocked",
-            Self::Waited => "waited",
-            Self::Moved => "moved",
-            Self::Switched => "switched",
-        }
-    }
-
     /// The kind of an agent's decision that led from one state to the next.
     fn of(decided: &Decided, agent: AgentId, before: &World, after: &World) -> Self {
         let at = |world: &World| world.board().agents()[agent.index()].at();
@@ -80,16 +69,14 @@ impl Kind {
 }
 
 /// The worth of all states of a game, and what its decisions lost.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Worth {
-    /// Name of the reference.
-    pub reference: &'static str,
+    /// The game.
+    pub game: Game,
     /// Worth by state: before the first round, then after each round. The last one is the score where the game is over.
     pub values: Vec<f64>,
     /// Score by state.
     pub scores: Vec<f64>,
-    /// Score of the game.
-    pub score: f64,
     /// Losses by round and agent, 0 for agents that had escaped; `None` if they were not asked for.
     pub seats: Option<Vec<Vec<f64>>>,
     /// Kinds of decisions by round and agent; `None` for agents that had escaped.
@@ -104,48 +91,46 @@ impl Worth {
     pub fn losses(&self) -> Vec<f64> {
         self.values.windows(2).map(|pair| pair[0] - pair[1]).collect()
     }
-
-    /// The first state from which on the reference scores nothing more.
-    #[must_use]
-    pub fn settled(&self) -> usize {
-        let could_score = |state: &usize| self.values[*state] > self.scores[*state];
-        (0..self.values.len()).rev().find(could_score).map_or(0, |last| last + 1)
-    }
 }
 
-/// A value that a rollout has, or another one has as well.
+/// Value of a rollout, or the state whose worth is the same.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Known {
-    /// The same as the worth before the round.
+    /// Worth before the round.
     AsBefore,
-    /// The same as the worth after the round.
+    /// Worth after the round.
     AsAfter,
     Rolled(f64),
 }
 
-/// What an appraiser did.
+/// Step of an appraiser.
 enum Step {
-    /// It decided or resolved a round.
+    /// A round was decided or resolved.
     Prepared,
     Rollout(Box<Rollout>),
-    /// Nothing is left.
     Over,
 }
 
-/// A round with these acts, from which the reference plays on.
+/// A game that the reference plays on.
 struct Rollout {
     /// Round, and number of the rollout in it.
     place: (usize, usize),
     world: World,
     players: Players,
-    acts: Vec<Act>,
+    /// Acts of the first round; `None` for those of the reference.
+    acts: Option<Vec<Act>>,
 }
 
 impl Rollout {
-    /// Plays to the end of the game. Returns the number of decisions.
-    fn run(&mut self, scratch: &mut Scratch) -> u64 {
-        self.world.step_in(&self.acts, scratch);
-        self.players.play_on(&mut self.world, scratch)
+    /// Plays to the end of the game, or until this many decisions were made. Returns their number.
+    fn run(&mut self, decisions: u64, scratch: &mut Scratch) -> u64 {
+        let mut made = 0;
+        while made < decisions && !self.world.is_over() {
+            let acts = self.acts.take().unwrap_or_else(|| self.players.decide(&self.world));
+            made += acts.len() as u64;
+            self.world.step_in(&acts, scratch);
+        }
+        made
     }
 }
 
@@ -156,12 +141,14 @@ pub struct Appraiser {
     world: World,
     /// Players of the reference, by seat, which have seen all states before this one.
     players: Players,
-    /// The reference's acts in this state, once they are decided; the players have seen it then.
-    decided: Option<Vec<Act>>,
+    /// The reference's acts in this state, once they are decided, and the seats whose acts differ. The players have seen the state then.
+    decided: Option<(Vec<Act>, Vec<usize>)>,
     scratch: Scratch,
-    /// Decisions that were computed so far.
+    /// A rollout that has begun.
+    begun: Option<Box<Rollout>>,
+    /// Decisions that were computed so far, or what takes as long.
     decisions: u64,
-    /// By round: the worth before it, then the worth after it with the reference's act of each seat.
+    /// By round, and for the state after the last one: the worth before it, then the worth after it with the reference's act of each seat.
     known: Vec<Vec<Known>>,
     scores: Vec<f64>,
     kinds: Vec<Vec<Option<Kind>>>,
@@ -181,6 +168,7 @@ impl Appraiser {
             world,
             decided: None,
             scratch: Scratch::default(),
+            begun: None,
             decisions: 0,
             known: Vec::new(),
             kinds: Vec::new(),
@@ -188,40 +176,48 @@ impl Appraiser {
         }
     }
 
-    /// Works until `decisions` more decisions of players were computed, or a rollout longer. True once all is done.
-    pub fn work(&mut self, decisions: u64) -> bool {
+    /// Works until about `decisions` more decisions of players were computed. Breaks with the worth once all is done.
+    #[must_use]
+    pub fn work(mut self: Box<Self>, decisions: u64) -> ControlFlow<Worth, Box<Self>> {
         let until = self.decisions.saturating_add(decisions);
         while self.decisions < until {
-            match self.advance() {
+            match self.begun.take().map_or_else(|| self.advance(), Step::Rollout) {
                 Step::Prepared => {}
                 Step::Rollout(mut rollout) => {
-                    self.decisions += rollout.run(&mut self.scratch);
-                    self.note(&rollout);
+                    self.decisions += rollout.run(until - self.decisions, &mut self.scratch);
+                    if rollout.world.is_over() {
+                        self.note(&rollout);
+                    } else {
+                        self.begun = Some(rollout);
+                    }
                 }
-                Step::Over => return true,
+                Step::Over => return ControlFlow::Break(self.finish()),
             }
         }
-        false
+        ControlFlow::Continue(self)
     }
 
     /// Works to the end on some threads; their number changes nothing but the time. Calls `progress` with the rounds that are done.
     pub fn finish_on(mut self, threads: usize, progress: impl Fn(usize)) -> Worth {
-        let (at_once, mut is_over) = (threads.max(1) * ROLLOUTS_OF_A_THREAD, false);
-        while !is_over {
-            let mut rollouts = Vec::new();
-            while rollouts.len() < at_once && !is_over {
+        let at_once = threads.max(1) * ROLLOUTS_OF_A_THREAD;
+        loop {
+            let next = || loop {
                 match self.advance() {
                     Step::Prepared => {}
-                    Step::Rollout(rollout) => rollouts.push(rollout),
-                    Step::Over => is_over = true,
+                    Step::Rollout(rollout) => return Some(rollout),
+                    Step::Over => return None,
                 }
+            };
+            let mut rollouts: Vec<Box<Rollout>> = iter::from_fn(next).take(at_once).collect();
+            if rollouts.is_empty() {
+                return self.finish();
             }
             thread::scope(|scope| {
                 for some in rollouts.chunks_mut(ROLLOUTS_OF_A_THREAD) {
                     scope.spawn(|| {
                         let mut scratch = Scratch::default();
                         for rollout in some {
-                            rollout.run(&mut scratch);
+                            rollout.run(u64::MAX, &mut scratch);
                         }
                     });
                 }
@@ -231,28 +227,24 @@ impl Appraiser {
             }
             progress(self.kinds.len());
         }
-        self.finish()
     }
 
-    /// Works to the end.
-    #[must_use]
-    pub fn finish(mut self) -> Worth {
-        while !self.work(u64::MAX) {}
-        // A game that is not over has something to score after its last round.
-        let mut world = self.world.clone();
-        self.players.play_on(&mut world, &mut self.scratch);
-        let mut values = vec![world.score(); self.known.len() + 1];
-        for (round, known) in self.known.iter().enumerate().rev() {
+    /// The worth, once all rollouts have run.
+    fn finish(self) -> Worth {
+        let (rounds, after) = self.known.split_at(self.game.rounds.len());
+        // A game that is over has nothing to score after its last round.
+        let last = after.first().map_or(self.world.score(), |known| known[0].value(0.0, 0.0));
+        let mut values = vec![last; rounds.len() + 1];
+        for (round, known) in rounds.iter().enumerate().rev() {
             values[round] = known[0].value(values[round], values[round + 1]);
         }
         let losses = |(round, known): (usize, &Vec<Known>)| {
             let (before, after) = (values[round], values[round + 1]);
             known[1..].iter().map(|known| known.value(before, after) - after).collect()
         };
-        let seats = self.with_seats.then(|| self.known.iter().enumerate().map(losses).collect());
+        let seats = self.with_seats.then(|| rounds.iter().enumerate().map(losses).collect());
         Worth {
-            reference: reference(&self.game.layout).name,
-            score: self.world.score(),
+            game: self.game,
             values,
             scores: self.scores,
             seats,
@@ -264,12 +256,21 @@ impl Appraiser {
     /// Decides a round, prepares its next rollout, or resolves it if it has no more.
     fn advance(&mut self) -> Step {
         let round = self.kinds.len();
-        let Some(acts) = self.game.rounds.get(round) else { return Step::Over };
-        let acts: Vec<Act> = acts.iter().map(|decided| decided.act.clone()).collect();
-        let Some(reference) = &self.decided else {
+        let Some(decided) = self.game.rounds.get(round) else {
+            if self.world.is_over() || self.known.len() > round {
+                return Step::Over;
+            }
+            self.known.push(Vec::new());
+            return self.rollout(None);
+        };
+        let mut acts: Vec<Act> = decided.iter().map(|decided| decided.act.clone()).collect();
+        let Some((reference, differing)) = &self.decided else {
             let reference = self.players.decide(&self.world);
+            let differs = |seat: &usize| acts[*seat] != reference[*seat];
+            let alive = self.world.agents().filter(|agent| self.world.is_alive(*agent));
+            let differing = alive.map(AgentId::index).filter(differs).collect();
             self.decisions += reference.len() as u64;
-            self.decided = Some(reference);
+            self.decided = Some((reference, differing));
             self.known.push(Vec::new());
             return Step::Prepared;
         };
@@ -278,34 +279,31 @@ impl Appraiser {
             self.resolve(round, &acts);
             return Step::Prepared;
         }
-        let differing: Vec<usize> = self
-            .world
-            .agents()
-            .filter(|agent| self.world.is_alive(*agent))
-            .map(AgentId::index)
-            .filter(|agent| acts[*agent] != reference[*agent])
-            .collect();
         let known = match next.checked_sub(1) {
             None if differing.is_empty() => Some(Known::AsAfter),
-            Some(seat) if differing == [seat] => Some(Known::AsBefore),
+            Some(seat) if *differing == [seat] => Some(Known::AsBefore),
             Some(seat) if !differing.contains(&seat) => Some(Known::AsAfter),
             _ => None,
         };
-        // A rollout notes its value when it has run.
-        self.known[round].push(known.unwrap_or(Known::Rolled(f64::NAN)));
-        if known.is_some() {
+        if let Some(known) = known {
+            self.known[round].push(known);
             return Step::Prepared;
         }
-        let acts = match next.checked_sub(1) {
-            None => reference.clone(),
-            Some(seat) => {
-                let mut changed = acts;
-                changed[seat].clone_from(&reference[seat]);
-                changed
-            }
-        };
+        match next.checked_sub(1) {
+            None => acts.clone_from(reference),
+            Some(seat) => acts[seat].clone_from(&reference[seat]),
+        }
+        self.rollout(Some(acts))
+    }
+
+    /// The next rollout of a round. It notes its value when it has run.
+    fn rollout(&mut self, acts: Option<Vec<Act>>) -> Step {
+        let round = self.known.len() - 1;
+        let place = (round, self.known[round].len());
+        self.known[round].push(Known::Rolled(f64::NAN));
+        self.decisions += copy_of(self.game.layout.config());
         let (world, players) = (self.world.clone(), self.players.clone());
-        Step::Rollout(Box::new(Rollout { place: (round, next), world, players, acts }))
+        Step::Rollout(Box::new(Rollout { place, world, players, acts }))
     }
 
     /// Notes the value of a rollout that has run.
@@ -324,7 +322,7 @@ impl Appraiser {
         };
         self.kinds.push(before.agents().map(kind).collect());
         self.scores.push(self.world.score());
-        self.reference_acts.extend(self.decided.take());
+        self.reference_acts.extend(self.decided.take().map(|(acts, _)| acts));
     }
 }
 
@@ -366,15 +364,24 @@ impl Players {
         };
         world.agents().zip(&mut self.0).map(decide).collect()
     }
+}
 
-    /// Plays to the end of the game. Returns the number of decisions.
-    fn play_on(&mut self, world: &mut World, scratch: &mut Scratch) -> u64 {
-        let mut decisions = 0;
-        while !world.is_over() {
-            let acts = self.decide(world);
-            decisions += acts.len() as u64;
-            world.step_in(&acts, scratch);
-        }
-        decisions
-    }
+/// Decisions that take as long as copying all players, who may remember each cell.
+const fn copy_of(config: &Config) -> u64 {
+    let settings = config.settings();
+    let cells = settings.width.unsigned_abs() * settings.height.unsigned_abs();
+    cells * config.num_agents() as u64 / CELLS_OF_A_DECISION
+}
+
+/// Rounds that all rollouts of a game of `rounds` resolved rounds have at most, and decisions that take as long as theirs. Rollouts last
+/// to the last round that the settings allow.
+#[must_use]
+pub fn cost(config: &Config, rounds: u32, with_seats: bool) -> (u64, u64) {
+    let (agents, last) = (u64::from(config.num_agents()), u64::from(config.max_round()));
+    let (rounds, of_a_state) =
+        (u64::from(rounds).min(last), if with_seats { agents + 1 } else { 1 });
+    // The sum of `last - t` for the states t from 0 to `rounds`.
+    let rolled = ((rounds + 1) * last - rounds * (rounds + 1) / 2).saturating_mul(of_a_state);
+    let copies = (rounds + 1) * of_a_state * copy_of(config);
+    (rolled, rolled.saturating_mul(agents).saturating_add(copies))
 }

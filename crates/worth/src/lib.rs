@@ -13,7 +13,7 @@
 //! let layout = Arc::new(World::new(Arc::new(Config::check(&settings)?)));
 //! let idle = vec![Decided::default(); layout.agents().count()];
 //! let game = Game { layout, rounds: vec![idle; 5] };
-//! let worth = Appraiser::new(game, false).finish();
+//! let worth = Appraiser::new(game, false).finish_on(1, |_| {});
 //! // The swarm could have scored in each of these five rounds.
 //! assert_eq!(worth.values[0] - worth.values[5], 5.0);
 //! # Ok::<(), swarmbench_engine::SettingErrors>(())
@@ -25,10 +25,10 @@ mod line;
 mod sent;
 mod words;
 
-pub use appraiser::{Appraiser, Decided, Game, Kind, Worth};
+pub use appraiser::{Appraiser, Decided, Game, Kind, Worth, cost};
 pub use journal::{decided, game_of};
-pub use line::{LineRound, line};
-pub use sent::{WORTH_DECISIONS_MAX, decisions_of, method, sent, sent_line, without};
+pub use line::Liner;
+pub use sent::{method, sent, without};
 
 /// Revision of all definitions: a worth of another revision is computed again.
 pub const WORTH_REVISION: u32 = 1;

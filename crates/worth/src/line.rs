@@ -1,35 +1,65 @@
 //! The reference's line: how it would play on from a state.
 
-use swarmbench_engine::{Act, Scratch, World};
+use std::ops::ControlFlow;
 
-use crate::Game;
+use swarmbench_engine::{Act, AgentState, Scratch, World};
+use swarmbench_protocol::worth::{LineAgent, LineRound, ReferenceLine};
+
 use crate::appraiser::Players;
+use crate::{Game, method};
 
-/// A round of the reference's line.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LineRound {
-    /// The reference's acts, by agent.
-    pub acts: Vec<Act>,
-    /// The state after the round.
-    pub world: World,
+/// Plays the reference swarm from the state after `round` rounds of a game, for `rounds` rounds at most, in pieces. The players see all
+/// earlier states first, as those of a fork do.
+pub struct Liner {
+    game: Game,
+    round: u32,
+    rounds: u32,
+    world: World,
+    players: Players,
+    line: Vec<LineRound>,
 }
 
-/// Plays the reference swarm from the state after `round` rounds of the game, for `rounds` rounds at most. The players see all
-/// earlier states first, as those of a fork do.
-#[must_use]
-pub fn line(game: &Game, round: usize, rounds: usize) -> Vec<LineRound> {
-    let mut world = World::clone(&game.layout);
-    let (mut players, mut scratch) = (Players::new(&world), Scratch::default());
-    for decided in game.rounds.iter().take(round) {
-        players.decide(&world);
-        let acts: Vec<Act> = decided.iter().map(|decided| decided.act.clone()).collect();
-        world.step_in(&acts, &mut scratch);
+impl Liner {
+    /// Begins with a game that has at least `round` rounds.
+    #[must_use]
+    pub fn new(game: Game, round: u32, rounds: u32) -> Self {
+        let world = World::clone(&game.layout);
+        Self { players: Players::new(&world), world, game, round, rounds, line: Vec::new() }
     }
-    let mut line = Vec::new();
-    while line.len() < rounds && !world.is_over() {
-        let acts = players.decide(&world);
-        world.step_in(&acts, &mut scratch);
-        line.push(LineRound { acts, world: world.clone() });
+
+    /// Works until about `decisions` more decisions of players were computed. Breaks with the line once all is done.
+    #[must_use]
+    pub fn work(mut self: Box<Self>, decisions: u64) -> ControlFlow<ReferenceLine, Box<Self>> {
+        let (mut made, mut scratch) = (0, Scratch::default());
+        while made < decisions {
+            let round = self.world.round();
+            if self.world.is_over() || round >= self.round.saturating_add(self.rounds) {
+                let method = method(self.world.config().task());
+                let line =
+                    ReferenceLine { episode: None, round: self.round, method, rounds: self.line };
+                return ControlFlow::Break(line);
+            }
+            let mut acts = self.players.decide(&self.world);
+            made += acts.len() as u64;
+            if round < self.round {
+                let played = &self.game.rounds[round as usize];
+                acts = played.iter().map(|decided| decided.act.clone()).collect();
+            }
+            self.world.step_in(&acts, &mut scratch);
+            if round >= self.round {
+                let agents = self.world.agent_states().zip(&acts).map(agent).collect();
+                self.line.push(LineRound { round, score: self.world.score(), agents });
+            }
+        }
+        ControlFlow::Continue(self)
     }
-    line
+}
+
+fn agent((state, act): (AgentState, &Act)) -> LineAgent {
+    LineAgent {
+        agent: state.agent.to_string(),
+        action: act.action.map(|action| action.name().to_owned()),
+        at: [state.at.i, state.at.j],
+        alive: state.alive,
+    }
 }

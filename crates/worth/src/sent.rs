@@ -2,34 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use swarmbench_engine::{Act, Action, AgentId, Config, Scratch, TaskName, World};
+use swarmbench_engine::{Act, AgentId, Scratch, TaskName, World};
 use swarmbench_players::default_for;
 use swarmbench_protocol::worth::{
-    DearDecision, GameWorth, KindLoss, LineAgent, LineRound as SentRound, MissingPart,
-    ReferenceLine, RoundLoss, SeatLoss, WorthMethod,
+    DearDecision, GameWorth, KindLoss, MissingPart, RoundLoss, SeatLoss, WorthMethod,
 };
 
-use crate::line::{LineRound, line};
 use crate::words::words;
 use crate::{Game, Kind, WORTH_REVISION, Worth};
 
-/// Decisions of players that the worth of one game takes at most, on a server. A game of 16 agents and 100 rounds has fewer, each
-/// seat's losses included.
-pub const WORTH_DECISIONS_MAX: u64 = 1_500_000;
-
 /// Number of decisions in an answer's list of the dearest ones.
 const DEAREST: usize = 10;
-
-/// Decisions of players that the worth of a game of `rounds` resolved rounds may take: rollouts last to the last round that the
-/// settings allow.
-#[must_use]
-pub fn decisions_of(config: &Config, rounds: u32, with_seats: bool) -> u64 {
-    let (agents, last) = (u64::from(config.num_agents()), u64::from(config.max_round()));
-    let rounds = u64::from(rounds).min(last);
-    // The sum of `last - t` for the states t from 0 to `rounds`.
-    let rolled = (rounds + 1) * last - rounds * (rounds + 1) / 2;
-    rolled.saturating_mul(agents).saturating_mul(if with_seats { agents + 1 } else { 1 })
-}
 
 /// Method by which the worth of games of this task is computed.
 #[must_use]
@@ -42,30 +25,25 @@ pub fn method(task: TaskName) -> WorthMethod {
 #[must_use]
 pub fn without(task: TaskName, rounds: u32, score: f64, detail: String) -> GameWorth {
     GameWorth {
-        episode: None,
         task: task.name().to_owned(),
         rounds,
         score,
         method: method(task),
-        values: None,
-        losses: None,
-        settled_round: None,
-        accuracy: None,
-        reference_is_weak: None,
-        seats: None,
-        kinds: None,
-        dearest: None,
         missing: vec![MissingPart { part: "values".to_owned(), detail }],
+        ..GameWorth::default()
     }
 }
 
 /// The worth of a game as it is sent.
 #[must_use]
-pub fn sent(game: &Game, worth: &Worth) -> GameWorth {
+pub fn sent(worth: &Worth) -> GameWorth {
+    let game = &worth.game;
     let task = game.layout.config().task();
     let rounds = u32::try_from(game.rounds.len()).unwrap_or(u32::MAX);
-    let settled = u32::try_from(worth.settled()).ok().filter(|settled| *settled <= rounds);
+    let could_score = |state: &u32| worth.values[*state as usize] > worth.scores[*state as usize];
+    let settled = (0..=rounds).rev().find(could_score).map_or(0, |last| last + 1);
     let (first, last) = (worth.values[0], worth.values[game.rounds.len()]);
+    let score = worth.scores[game.rounds.len()];
     let by_agent = |losses: &Vec<f64>| {
         let named = losses.iter().zip(game.layout.agents());
         named.map(|(loss, agent)| (agent.to_string(), *loss)).collect()
@@ -78,26 +56,26 @@ pub fn sent(game: &Game, worth: &Worth) -> GameWorth {
     GameWorth {
         losses: Some(losses.collect()),
         values: Some(worth.values.clone()),
-        settled_round: settled,
+        settled_round: (settled <= rounds).then_some(settled),
         accuracy: (first != 0.0).then(|| last / first),
-        reference_is_weak: Some(first < worth.score),
+        reference_is_weak: Some(first < score),
         seats: worth.seats.as_ref().map(|seats| of_seats(game, seats)),
         kinds: worth.seats.as_ref().map(|seats| of_kinds(&worth.kinds, seats)),
-        dearest: worth.seats.as_ref().map(|seats| dearest(game, worth, seats)),
+        dearest: worth.seats.as_ref().map(|seats| dearest(worth, seats)),
         missing: Vec::new(),
-        ..without(task, rounds, worth.score, String::new())
+        ..without(task, rounds, score, String::new())
     }
 }
 
 fn of_seats(game: &Game, losses: &[Vec<f64>]) -> BTreeMap<String, SeatLoss> {
-    let of = |agent: AgentId| losses.iter().map(move |round| round[agent.index()]);
-    // A sum of nothing is -0.
-    let lost = |agent| 0.0 + of(agent).map(|loss| loss.max(0.0)).sum::<f64>();
-    let all: f64 = game.layout.agents().map(lost).sum();
+    let sum = |agent: AgentId, sign: f64| {
+        losses.iter().fold(0.0, |sum, round| sum + (sign * round[agent.index()]).max(0.0))
+    };
+    let all = game.layout.agents().fold(0.0, |all, agent| all + sum(agent, 1.0));
     let seat = |agent: AgentId| {
-        let gained = 0.0 + of(agent).map(|loss| 0.0_f64.max(-loss)).sum::<f64>();
-        let share = (all > 0.0).then(|| lost(agent) / all);
-        (agent.to_string(), SeatLoss { lost: lost(agent), gained, share })
+        let (lost, gained) = (sum(agent, 1.0), sum(agent, -1.0));
+        let share = (all > 0.0).then(|| lost / all);
+        (agent.to_string(), SeatLoss { lost, gained, share })
     };
     game.layout.agents().map(seat).collect()
 }
@@ -116,7 +94,8 @@ fn of_kinds(kinds: &[Vec<Option<Kind>>], losses: &[Vec<f64>]) -> BTreeMap<String
 }
 
 /// The decisions that lost most; of equal ones the earlier.
-fn dearest(game: &Game, worth: &Worth, losses: &[Vec<f64>]) -> Vec<DearDecision> {
+fn dearest(worth: &Worth, losses: &[Vec<f64>]) -> Vec<DearDecision> {
+    let game = &worth.game;
     let mut all: Vec<(usize, AgentId, f64)> = Vec::new();
     for (round, losses) in losses.iter().enumerate() {
         let lost = game.layout.agents().zip(losses).filter(|(_, loss)| **loss > 0.0);
@@ -147,24 +126,4 @@ fn dearest(game: &Game, worth: &Worth, losses: &[Vec<f64>]) -> Vec<DearDecision>
         }
     }
     found.into_iter().flatten().collect()
-}
-
-/// The reference's line as it is sent.
-#[must_use]
-pub fn sent_line(game: &Game, round: u32, rounds: u32) -> ReferenceLine {
-    let task = game.layout.config().task();
-    let line = line(game, round as usize, rounds as usize);
-    let agent = |(state, act): (swarmbench_engine::AgentState, &Act)| LineAgent {
-        agent: state.agent.to_string(),
-        action: act.action.map(Action::name).map(ToOwned::to_owned),
-        at: [state.at.i, state.at.j],
-        alive: state.alive,
-    };
-    let sent = |LineRound { acts, world }: &LineRound| SentRound {
-        round: world.round() - 1,
-        score: world.score(),
-        agents: world.agent_states().zip(acts).map(agent).collect(),
-    };
-    let rounds = line.iter().map(sent).collect();
-    ReferenceLine { episode: None, round, method: method(task), rounds }
 }

@@ -1,10 +1,11 @@
 //! Worth against plain rollouts, and what follows from its definition.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use swarmbench_engine::{Act, Action, AgentId, Config, RuleSet, Settings, TaskName, World};
 use swarmbench_players::{BuiltIn, Player, Seat, default_for, find};
-use swarmbench_worth::{Appraiser, Decided, Game, WORTH_REVISION, Worth, line, sent};
+use swarmbench_worth::{Appraiser, Decided, Game, Liner, WORTH_REVISION, Worth, sent};
 
 /// Seeds of each task; `.ci/full` sets 100.
 fn seeds() -> u64 {
@@ -89,7 +90,11 @@ fn random() -> &'static BuiltIn {
 }
 
 fn worth(game: &Game, with_seats: bool) -> Worth {
-    Appraiser::new(game.clone(), with_seats).finish()
+    Appraiser::new(game.clone(), with_seats).finish_on(1, |_| {})
+}
+
+fn score(worth: &Worth) -> f64 {
+    *worth.scores.last().expect("the score of the layout")
 }
 
 const RULES: [RuleSet; 2] = [RuleSet::Paper, RuleSet::Reference];
@@ -100,9 +105,8 @@ fn a_worth_is_what_the_reference_scores_from_there() {
     {
         let game = game(layout(task, rules, 31), random(), |_, _| {});
         let worth = worth(&game, false);
-        let score = worth.score;
         assert_eq!(worth.values.len(), game.rounds.len() + 1);
-        assert_eq!(worth.values.last(), Some(&score));
+        assert_eq!(worth.values.last(), worth.scores.last());
         for shown in (0..game.rounds.len()).step_by(9) {
             let expected = played_on(&game, shown, None);
             assert_eq!(
@@ -162,7 +166,7 @@ fn a_game_of_the_reference_loses_nothing() {
             let game = game(layout(task, rules, seed), default_for(task), |_, _| {});
             let worth = worth(&game, true);
             assert!(
-                worth.values.iter().all(|value| value.to_bits() == worth.score.to_bits()),
+                worth.values.iter().all(|value| value.to_bits() == score(&worth).to_bits()),
                 "{task:?} {seed}"
             );
             assert!(worth.seats.iter().flatten().flatten().all(|loss| *loss == 0.0));
@@ -177,7 +181,7 @@ fn losses_sum_to_what_could_be_scored_and_was_not() {
             let game = game(layout_of(task, RuleSet::Paper, seed, 30), random(), |_, _| {});
             let worth = worth(&game, false);
             let sum: f64 = worth.losses().iter().sum();
-            assert!((sum - (worth.values[0] - worth.score)).abs() < 1e-9, "{task:?} {seed}");
+            assert!((sum - (worth.values[0] - score(&worth))).abs() < 1e-9, "{task:?} {seed}");
         }
     }
 }
@@ -201,7 +205,7 @@ fn a_planted_mistake_is_found() {
                 }
             });
             let worth = worth(&game, true);
-            let dearest = sent(&game, &worth).dearest.expect("with seats");
+            let dearest = sent(&worth).dearest.expect("with seats");
             let lost = worth.losses()[at as usize];
             if lost > 0.0 {
                 cost += 1;
@@ -228,21 +232,28 @@ fn opposite(action: Action) -> Action {
 #[test]
 fn threads_and_pieces_change_nothing() {
     let game = game(layout(TaskName::Foraging, RuleSet::Paper, 5), random(), |_, _| {});
-    let expected = worth(&game, true);
+    let expected = sent(&worth(&game, true));
     for threads in [1, 2, 3, 7] {
         let appraiser = Appraiser::new(game.clone(), true);
-        assert_eq!(appraiser.finish_on(threads, |_| {}), expected);
+        assert_eq!(sent(&appraiser.finish_on(threads, |_| {})), expected);
     }
-    let mut pieces = Appraiser::new(game, true);
-    while !pieces.work(1) {}
-    assert_eq!(pieces.finish(), expected);
+    let mut pieces = Box::new(Appraiser::new(game, true));
+    let worth = loop {
+        match pieces.work(1) {
+            ControlFlow::Continue(unfinished) => pieces = unfinished,
+            ControlFlow::Break(worth) => break worth,
+        }
+    };
+    assert_eq!(sent(&worth), expected);
 }
 
 #[test]
 fn the_line_is_what_a_fork_plays() {
     let game = game(layout(TaskName::Pursuit, RuleSet::Paper, 3), random(), |_, _| {});
-    let line = line(&game, 20, 1000);
-    let last = line.last().expect("it plays on");
-    assert_eq!(last.world.score().to_bits(), played_on(&game, 20, None).to_bits());
-    assert!(last.world.is_over());
+    let ControlFlow::Break(line) = Box::new(Liner::new(game.clone(), 20, 1000)).work(u64::MAX)
+    else {
+        panic!("its work is bounded");
+    };
+    let last = line.rounds.last().expect("it plays on");
+    assert_eq!(last.score.to_bits(), played_on(&game, 20, None).to_bits());
 }

@@ -3,15 +3,16 @@
 use axum::Json;
 use serde::Deserialize;
 use swarmbench_engine::Config;
-use swarmbench_worth::{sent, sent_line, without};
+use swarmbench_worth::{Appraiser, Liner, sent, without};
 use utoipa::IntoParams;
 
 use super::super::extract::optional_flag;
 use super::super::prelude::*;
-use crate::appraisal::{appraise, game, game_bytes, too_much};
+use crate::appraisal::{game, in_pieces, too_much};
+use crate::episode::memory::of_worth;
 use crate::fair::Party;
 use crate::store::entries::Entry;
-use crate::store::metrics::{MetricsRow, WORTH};
+use crate::store::metrics::MetricsRow;
 use crate::store::port::StoredEpisode;
 use swarmbench_protocol::worth::{GameWorth, MissingPart, ReferenceLine};
 
@@ -48,7 +49,7 @@ pub(in super::super) struct LineParams {
 /// fork with `"player": "default"` (`docs/evaluate/worth.md`). The answer has the worth of each state, what each round and
 /// each seat lost, and the ten decisions that lost most. A worth of a game that has ended is stored.
 ///
-/// Whoever may fork the episode may read it: it is computed from random draws that are still to come.
+/// Callers who may fork the episode may read it: it is computed from random draws that are still to come.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes/{id}/worth",
@@ -89,8 +90,8 @@ pub(in super::super) async fn show_episode_worth(
 
 /// Show how the reference would play on.
 ///
-/// The rounds that a fork with `"player": "default"` would begin with, without making one. Whoever may fork the episode may read
-/// them.
+/// The rounds that a fork with `"player": "default"` would begin with, without making one. Callers who may fork the episode may
+/// read them.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes/{id}/line",
@@ -126,10 +127,11 @@ pub(in super::super) async fn show_reference_line(
         return Err(ApiError::new(Code::Invalid, detail));
     }
     let _permit = app.heavy.worth().await?;
-    let _memory = app.registry.room(game_bytes(&spec.config, round))?;
+    let _memory = app.registry.room(of_worth(&spec.config, round))?;
     let party = Party::current();
     let game = game(app.registry.host(), &stored, round, party).await?;
-    let mut line = app.heavy.render(move || sent_line(&game, round, rounds)).await?;
+    let begin = move || Liner::new(game, round, rounds);
+    let mut line = in_pieces(&app.workers, party, begin, Liner::work).await?;
     line.episode = Some(stored.id.to_string());
     Ok(Json(line))
 }
@@ -150,11 +152,12 @@ impl App {
         if let Some(found) = self.stored_worth(stored, with_seats).await? {
             return Ok(found);
         }
-        let _memory = self.registry.room(game_bytes(config, stored.rounds))?;
+        let _memory = self.registry.room(of_worth(config, stored.rounds))?;
         let (host, party) = (self.registry.host(), Party::current());
         let game = game(host, stored, stored.rounds, party).await?;
-        let (game, worth) = appraise(&host.workers, game, with_seats, party).await?;
-        let worth = self.heavy.render(move || sent(&game, &worth)).await?;
+        let begin = move || Appraiser::new(game, with_seats);
+        let worth = in_pieces(&host.workers, party, begin, Appraiser::work).await?;
+        let worth = self.heavy.render(move || sent(&worth)).await?;
         if stored.ended_at.is_some() {
             let rows = MetricsRow::of_worth(stored.episode, &worth);
             let entry = |row| Entry::Measured { number: None, metrics: Some(Box::new(row)) };
@@ -169,13 +172,7 @@ impl App {
         stored: &StoredEpisode,
         with_seats: bool,
     ) -> Result<Option<GameWorth>, ApiError> {
-        if stored.ended_at.is_none() {
-            return Ok(None);
-        }
-        let Some(found) = self.store.metrics_of(stored.episode, WORTH).await? else {
-            return Ok(None);
-        };
-        let worth: Option<GameWorth> = serde_json::from_str(&found).ok();
-        Ok(worth.filter(|worth| worth.seats.is_some() || !with_seats))
+        let found = self.store.worth_of(stored.episode).await?;
+        Ok(found.filter(|worth| worth.seats.is_some() || !with_seats))
     }
 }

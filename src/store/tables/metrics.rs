@@ -34,7 +34,7 @@ pub fn stored_method() -> (&'static str, u32) {
 }
 
 /// What stored worths have in place of an embedder, and their revision: `GameWorth` as JSON.
-pub const WORTH: (&str, u32) = ("worth", WORTH_REVISION);
+const WORTH: (&str, u32) = ("worth", WORTH_REVISION);
 
 /// What has the accuracy of a worth alone in place of an embedder: boards need no more of it.
 const ACCURACY: (&str, u32) = ("worth.accuracy", WORTH_REVISION);
@@ -210,6 +210,12 @@ impl Store {
             "SELECT measured FROM metrics WHERE episode = $1 AND embedder = $2 AND revision = $3",
         );
         self.fetch_optional(query.bind(episode.0).bind(embedder).bind(revision)).await
+    }
+
+    /// The stored worth of a game, which has ended.
+    pub async fn worth_of(&self, episode: EpisodeKey) -> Result<Option<GameWorth>, StoreError> {
+        let found = self.metrics_of(episode, WORTH).await?;
+        Ok(found.and_then(|worth| serde_json::from_str(&worth).ok()))
     }
 
     /// Means of metrics of the definition `paper` over the games of each run and task, voided games excluded; `None` where no

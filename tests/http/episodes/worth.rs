@@ -103,7 +103,7 @@ async fn a_large_game_says_which_part_is_missing() {
     assert_eq!(worth["values"], Value::Null);
     assert_eq!(worth["missing"][0]["part"], "values");
     let detail = worth["missing"][0]["detail"].as_str().expect("a text");
-    assert!(detail.contains("more than worth_decisions_max, 1500000"), "{detail}");
+    assert!(detail.contains("more than worth_seconds_max, 90"), "{detail}");
     app.get(&episode.path("/line?round=0")).problem(422, "invalid").await;
 }
 
