@@ -177,14 +177,14 @@ impl Appraiser {
     }
 
     /// Works until about `decisions` more decisions of players were computed. Breaks with the worth once all is done.
-    #[must_use]
     pub fn work(mut self: Box<Self>, decisions: u64) -> ControlFlow<Worth, Box<Self>> {
         let until = self.decisions.saturating_add(decisions);
         while self.decisions < until {
             match self.begun.take().map_or_else(|| self.advance(), Step::Rollout) {
                 Step::Prepared => {}
                 Step::Rollout(mut rollout) => {
-                    self.decisions += rollout.run(until - self.decisions, &mut self.scratch);
+                    self.decisions +=
+                        rollout.run(until.saturating_sub(self.decisions), &mut self.scratch);
                     if rollout.world.is_over() {
                         self.note(&rollout);
                     } else {
@@ -367,10 +367,10 @@ impl Players {
 }
 
 /// Decisions that take as long as copying all players, who may remember each cell.
-const fn copy_of(config: &Config) -> u64 {
+fn copy_of(config: &Config) -> u64 {
     let settings = config.settings();
     let cells = settings.width.unsigned_abs() * settings.height.unsigned_abs();
-    cells * config.num_agents() as u64 / CELLS_OF_A_DECISION
+    cells * u64::from(config.num_agents()) / CELLS_OF_A_DECISION
 }
 
 /// Rounds that all rollouts of a game of `rounds` resolved rounds have at most, and decisions that take as long as theirs. Rollouts last

@@ -28,7 +28,6 @@ impl Liner {
     }
 
     /// Works until about `decisions` more decisions of players were computed. Breaks with the line once all is done.
-    #[must_use]
     pub fn work(mut self: Box<Self>, decisions: u64) -> ControlFlow<ReferenceLine, Box<Self>> {
         let (mut made, mut scratch) = (0, Scratch::default());
         while made < decisions {

@@ -231,7 +231,13 @@ fn opposite(action: Action) -> Action {
 
 #[test]
 fn threads_and_pieces_change_nothing() {
-    let game = game(layout(TaskName::Foraging, RuleSet::Paper, 5), random(), |_, _| {});
+    // Copies of players who remember so large a map take longer than a piece.
+    let mut settings = Settings::standard(TaskName::Foraging, 5);
+    (settings.width, settings.height, settings.max_round) = (40, 40, 30);
+    let layout = Arc::new(World::new(Arc::new(Config::check(&settings).expect("good settings"))));
+    let mut game = game(layout, random(), |_, _| {});
+    // A game that is not over.
+    game.rounds.truncate(20);
     let expected = sent(&worth(&game, true));
     for threads in [1, 2, 3, 7] {
         let appraiser = Appraiser::new(game.clone(), true);

@@ -174,7 +174,7 @@ pub(super) async fn old_states(ctx: Arc<Ctx>) -> io::Result<()> {
     Ok(())
 }
 
-/// Worths of games as large as they may be, each asked for by many who may not wait for it.
+/// Worths of games with as much to compute as they may have, each asked for by many who may not wait for it.
 pub(super) async fn worths(ctx: Arc<Ctx>) -> io::Result<()> {
     let addresses = ctx.addresses("worths");
     let body = json!({ "task": "Pursuit", "num_agents": 16, "max_round": 100, "player": "random", "visibility": "public" });
@@ -190,6 +190,11 @@ pub(super) async fn worths(ctx: Arc<Ctx>) -> io::Result<()> {
         }
     }
     ctx.note(format!("{} games of 16 agents were played", games.len()));
+    // Rollouts of a minute each, and players who remember 67 million cells.
+    for (agents, rounds, side) in [(1024, 1400, 64), (1024, 25, 256), (300, 300, 128)] {
+        let body = json!({ "task": "Foraging", "num_agents": agents, "max_round": rounds, "width": side, "height": side, "visibility": "public" });
+        games.push(text(&ctx.create(&body).await?, "/id")?);
+    }
     let games = Arc::new(games);
     ctx.go().await;
     on_connections(ctx.of(16, 64), |number| {
@@ -198,15 +203,14 @@ pub(super) async fn worths(ctx: Arc<Ctx>) -> io::Result<()> {
             for again in 0.. {
                 let dice = ctx.dice(&format!("worth {number} {again}"));
                 let game = dice.pick(&games).clone();
-                let what = *dice.pick(&[
-                    "worth",
-                    "worth",
-                    "worth?seats=false",
-                    "line?round=90&rounds=100",
-                ]);
+                let what = *dice.pick(&["worth", "worth", "worth?seats=false", "line?rounds=100"]);
                 let patience = Duration::from_secs(1) + dice.time(Duration::from_mins(1));
                 let mut wire = ctx.wire(addresses, number);
-                let ask = Request::get(format!("/api/v1/episodes/{game}/{what}"));
+                let mut ask = Request::get(format!("/api/v1/episodes/{game}/{what}"));
+                // Their creator alone may ask for the games that are not over.
+                if number % 2 == 0 {
+                    ask = ask.with(&ctx.brief.member);
+                }
                 drop(wire.ask_within(&ask, patience).await);
                 sleep(Duration::from_millis(20)).await;
             }
