@@ -9,7 +9,7 @@ use tokio::sync::Mutex;
 
 use crate::ids::{EpisodeKey, RunKey};
 use crate::run::definition::Definition;
-use crate::store::imports::ImportedGame;
+use crate::store::imports::StoredImport;
 use crate::store::results::{BoardMixed, BoardRun, Change, LogPosition};
 use crate::store::{Store, StoreError};
 use swarmbench_boards::collection::{BoardId, BoardSuite, Boards, FinishedRun, Imported};
@@ -205,7 +205,7 @@ fn suite(suite: &Suite, plan: Vec<Slot>) -> BoardSuite {
 }
 
 /// An imported game as boards need it, if its task is known.
-fn imported(game: ImportedGame) -> Option<Imported> {
+fn imported(game: StoredImport) -> Option<Imported> {
     Some(Imported {
         slot: Slot { task: TaskName::parse(&game.task)?, seed: game.seed.try_into().ok()? },
         model: game.model,

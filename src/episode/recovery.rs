@@ -45,14 +45,8 @@ pub(super) async fn recover(
         first_round: spec.first_round(),
         tally: Tally::default(),
     };
-    let rounds = Rounds {
-        id: &stored.id,
-        key: stored.episode,
-        to: stored.rounds,
-        checked: true,
-        work: ("recovery", recovered_for),
-        see_micros: 0,
-    };
+    let rounds = Rounds::of(&stored, stored.rounds, ("recovery", recovered_for), 0);
+    let rounds = Rounds { checked: true, ..rounds };
     let (world, mut history) = rounds.play(host, layout, history, History::see).await?;
     let open = journal.round_acts(stored.episode, stored.rounds).await?;
     history.count(&open, stored.rounds);

@@ -10,7 +10,7 @@ use swarmbench_worth::{Appraiser, game_of, sent};
 
 use super::journals::Journal;
 use super::options::ServerArgs;
-use super::output::{self, fields, progress_bar, set, table};
+use super::output::{self, progress_bar, set, table};
 
 /// Decisions in the list of the dearest ones.
 const DEAREST: usize = 10;
@@ -52,7 +52,7 @@ pub async fn run(args: Args) -> anyhow::Result<()> {
     if args.json {
         return output::json(&worth);
     }
-    show(&worth);
+    show(&[worth]);
     Ok(())
 }
 
@@ -95,103 +95,78 @@ async fn of_run(args: Args) -> anyhow::Result<()> {
     if args.json {
         return output::json(&games);
     }
-    show_run(&games);
+    show(&games);
     Ok(())
 }
 
-fn show(worth: &GameWorth) {
-    let values = worth.values.as_deref().unwrap_or_default();
-    let name = worth.episode.as_deref().unwrap_or("a game");
-    out!("{name}: {}, {} rounds", worth.task, worth.rounds);
-    out!("{}", fields(summary(worth)));
+/// Prints a row for each game, the curve and the seats of a single one, and the dearest decisions of all.
+fn show(games: &[GameWorth]) {
+    let mut shown = table(&["game", "task", "score", "could be scored", "accuracy", "settled"]);
+    let mut dearest = Vec::new();
+    for worth in games {
+        let name = worth.episode.as_deref().unwrap_or_default();
+        let first = worth.values.as_ref().and_then(|values| values.first());
+        shown.add_row([
+            name.to_owned(),
+            worth.task.clone(),
+            number(worth.score),
+            output::cell(first.map(|first| number(*first))),
+            share(worth.accuracy),
+            output::cell(worth.settled_round.map(|round| format!("round {round}"))),
+        ]);
+        let game = if games.len() > 1 { format!("{name}, ") } else { String::new() };
+        for dear in worth.dearest.iter().flatten() {
+            dearest.push((dear.loss, format!("{game}round {}: {}", dear.round, dear.words)));
+        }
+    }
+    out!("{shown}");
+    if let [worth] = games {
+        show_curve(worth);
+        show_seats(worth);
+    }
+    dearest.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    dearest.truncate(DEAREST);
+    if !dearest.is_empty() {
+        out!("\nThe dearest decisions");
+    }
+    for (loss, words) in dearest {
+        out!("{}", output::wrapped(&format!("{words}: −{}", number(loss)), output::width().into()));
+    }
+}
+
+fn show_curve(worth: &GameWorth) {
     if worth.reference_is_weak == Some(true) {
         out!("The reference is weak here: from the start it would score less than this game.");
     }
     out!("\nWorth of some states: what {} still reaches from there", worth.method.reference);
     let mut curve = table(&["round", "worth", "lost since the row above"]);
+    let values = worth.values.as_deref().unwrap_or_default();
     let step = (values.len() / 10).max(1);
     let mut above: Option<f64> = None;
-    let last = values.len().saturating_sub(1);
-    for state in (0..last).step_by(step).chain([last]) {
-        let Some(value) = values.get(state) else { continue };
-        let lost = above.map_or(String::new(), |above| number(above - value));
-        curve.add_row([state.to_string(), number(*value), lost]);
-        above = Some(*value);
+    for (state, value) in values.iter().enumerate() {
+        if state % step == 0 || state + 1 == values.len() {
+            let lost = above.map_or(String::new(), |above| number(above - value));
+            curve.add_row([state.to_string(), number(*value), lost]);
+            above = Some(*value);
+        }
     }
     out!("{curve}");
-    show_seats(worth);
-    let dearest = worth.dearest.iter().flatten();
-    show_dearest(dearest.map(|dear| (dear.loss, format!("round {}: {}", dear.round, dear.words))));
-}
-
-fn summary(worth: &GameWorth) -> Vec<(&'static str, String)> {
-    let first = worth.values.as_ref().and_then(|values| values.first());
-    vec![
-        ("score", number(worth.score)),
-        ("could be scored", output::cell(first.map(|first| number(*first)))),
-        ("accuracy", share(worth.accuracy)),
-        (
-            "settled",
-            worth.settled_round.map_or(String::new(), |round| {
-                format!("from round {round} on the reference scores nothing more")
-            }),
-        ),
-    ]
 }
 
 fn show_seats(worth: &GameWorth) {
     let (Some(seats), Some(kinds)) = (&worth.seats, &worth.kinds) else { return };
     out!("\nLosses of seats: each decision against the reference's in its place");
-    let mut by_seat = table(&["seat", "lost", "share", "gained"]);
-    // By number: Agent_10 is after Agent_9.
-    let mut named: Vec<_> = seats.iter().collect();
-    named.sort_by_key(|(name, _)| (name.len(), *name));
-    for (name, loss) in named {
-        by_seat.add_row([name.clone(), number(loss.lost), share(loss.share), number(loss.gained)]);
-    }
-    out!("{by_seat}");
-    let mut by_kind = table(&["decisions", "number", "lost", "gained"]);
-    for (name, loss) in kinds.iter().filter(|(_, loss)| loss.decisions > 0) {
-        let count = loss.decisions.to_string();
-        by_kind.add_row([name.clone(), count, number(loss.lost), number(loss.gained)]);
-    }
-    out!("{by_kind}");
-}
-
-/// The dearest decisions, in words.
-fn show_dearest(decisions: impl Iterator<Item = (f64, String)>) {
-    let mut lines = decisions.peekable();
-    if lines.peek().is_some() {
-        out!("\nThe dearest decisions");
-    }
-    for (loss, words) in lines {
-        out!("{}", output::wrapped(&format!("{words}: −{}", number(loss)), output::width().into()));
-    }
-}
-
-fn show_run(games: &[GameWorth]) {
-    let mut shown = table(&["game", "task", "score", "could be scored", "accuracy", "settled"]);
-    for worth in games {
-        let first = worth.values.as_ref().and_then(|values| values.first());
-        shown.add_row([
-            worth.episode.clone().unwrap_or_default(),
-            worth.task.clone(),
-            number(worth.score),
-            output::cell(first.map(|first| number(*first))),
-            share(worth.accuracy),
-            output::cell(worth.settled_round),
-        ]);
-    }
-    out!("{shown}");
-    let mut all = Vec::new();
-    for worth in games {
-        let name = worth.episode.as_deref().unwrap_or_default();
-        for dear in worth.dearest.iter().flatten() {
-            all.push((dear.loss, format!("{name}, round {}: {}", dear.round, dear.words)));
+    for (head, sums) in [("seat", seats), ("decisions", kinds)] {
+        let mut shown = table(&[head, "number", "lost", "share", "gained"]);
+        // By number: Agent_10 is after Agent_9.
+        let mut named: Vec<_> = sums.iter().filter(|(_, sum)| sum.decisions > 0).collect();
+        named.sort_by_key(|(name, _)| (name.len(), *name));
+        for (name, sum) in named {
+            let (number_of, lost) = (sum.decisions.to_string(), number(sum.lost));
+            shown.add_row([name.clone(), number_of, lost, share(sum.share), number(sum.gained)]);
         }
+        out!("{shown}");
     }
-    all.sort_by(|(a, _), (b, _)| b.total_cmp(a));
-    show_dearest(all.into_iter().take(DEAREST));
 }
 
 fn number(value: f64) -> String {

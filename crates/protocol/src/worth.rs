@@ -41,9 +41,9 @@ pub struct GameWorth {
     /// Whether the game scored more than the reference would have from the start: the reference is weak here.
     pub reference_is_weak: Option<bool>,
     /// Losses of each seat, by the name of its agent. Null if they are missing.
-    pub seats: Option<BTreeMap<String, SeatLoss>>,
+    pub seats: Option<BTreeMap<String, LossSum>>,
     /// Losses of seats by kind of decision: `moved`, `waited`, `blocked`, `switched`, `invalid`, `late`.
-    pub kinds: Option<BTreeMap<String, KindLoss>>,
+    pub kinds: Option<BTreeMap<String, LossSum>>,
     /// The ten decisions that lost most, the dearest first. Null if they are missing.
     pub dearest: Option<Vec<DearDecision>>,
     /// Missing parts, with reasons.
@@ -63,28 +63,18 @@ pub struct RoundLoss {
     pub seats: Option<BTreeMap<String, f64>>,
 }
 
-/// Losses of a seat.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct SeatLoss {
-    /// Sum of the seat's losses above 0.
-    pub lost: f64,
-    /// Sum of the seat's losses below 0, as a number above 0.
-    pub gained: f64,
-    /// Share of the seat in what all seats lost; null where nothing was lost.
-    pub share: Option<f64>,
-}
-
-/// Losses of all decisions of a kind.
+/// Losses of all decisions of a seat, or of a kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct KindLoss {
+pub struct LossSum {
     /// Number of decisions.
     pub decisions: u64,
     /// Sum of their losses above 0.
     pub lost: f64,
     /// Sum of their losses below 0, as a number above 0.
     pub gained: f64,
+    /// Share in what all decisions of the game lost; null where nothing was lost.
+    pub share: Option<f64>,
 }
 
 /// A decision that lost much.

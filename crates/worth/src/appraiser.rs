@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::{iter, thread};
 
 use swarmbench_engine::{Act, Action, AgentId, Config, Scratch, World};
-use swarmbench_players::{BuiltIn, Player, Seat, default_for};
+use swarmbench_players::{Player, Seat, default_for};
 
 /// Rollouts of a thread before their values are noted.
 const ROLLOUTS_OF_A_THREAD: usize = 4;
@@ -27,10 +27,8 @@ pub struct Game {
 pub struct Decided {
     /// The act.
     pub act: Act,
-    /// True if no action could be read from the answer.
-    pub is_invalid: bool,
-    /// True if the clock of the seat expired.
-    pub is_late: bool,
+    /// [`Kind::Invalid`] or [`Kind::Late`], if the agent did not decide itself.
+    pub fault: Option<Kind>,
 }
 
 swarmbench_engine::named! {
@@ -57,14 +55,12 @@ impl Kind {
     fn of(decided: &Decided, agent: AgentId, before: &World, after: &World) -> Self {
         let at = |world: &World| world.board().agents()[agent.index()].at();
         let was_blocked = at(before) == at(after) && after.is_alive(agent);
-        match decided.act.action {
-            _ if decided.is_late => Self::Late,
-            _ if decided.is_invalid => Self::Invalid,
+        decided.fault.unwrap_or(match decided.act.action {
             None | Some(Action::Stay) => Self::Waited,
             Some(Action::Switch) => Self::Switched,
             Some(_) if was_blocked => Self::Blocked,
             Some(_) => Self::Moved,
-        }
+        })
     }
 }
 
@@ -85,22 +81,21 @@ pub struct Worth {
     pub reference_acts: Vec<Vec<Act>>,
 }
 
-impl Worth {
-    /// Losses by round. They sum to the first worth minus the last.
-    #[must_use]
-    pub fn losses(&self) -> Vec<f64> {
-        self.values.windows(2).map(|pair| pair[0] - pair[1]).collect()
-    }
+/// Value of a rollout.
+#[derive(Clone, Copy, Debug)]
+enum Known {
+    /// The worth of a state.
+    At(usize),
+    Rolled(f64),
 }
 
-/// Value of a rollout, or the state whose worth is the same.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Known {
-    /// Worth before the round.
-    AsBefore,
-    /// Worth after the round.
-    AsAfter,
-    Rolled(f64),
+impl Known {
+    fn value(self, worths: &[f64]) -> f64 {
+        match self {
+            Self::At(state) => worths[state],
+            Self::Rolled(value) => value,
+        }
+    }
 }
 
 /// Step of an appraiser.
@@ -231,18 +226,17 @@ impl Appraiser {
 
     /// The worth, once all rollouts have run.
     fn finish(self) -> Worth {
-        let (rounds, after) = self.known.split_at(self.game.rounds.len());
+        let rounds = self.game.rounds.len();
         // A game that is over has nothing to score after its last round.
-        let last = after.first().map_or(self.world.score(), |known| known[0].value(0.0, 0.0));
-        let mut values = vec![last; rounds.len() + 1];
-        for (round, known) in rounds.iter().enumerate().rev() {
-            values[round] = known[0].value(values[round], values[round + 1]);
+        let mut values = vec![self.world.score(); rounds + 1];
+        for (state, known) in self.known.iter().enumerate().rev() {
+            values[state] = known[0].value(&values);
         }
         let losses = |(round, known): (usize, &Vec<Known>)| {
-            let (before, after) = (values[round], values[round + 1]);
-            known[1..].iter().map(|known| known.value(before, after) - after).collect()
+            known[1..].iter().map(|known| known.value(&values) - values[round + 1]).collect()
         };
-        let seats = self.with_seats.then(|| rounds.iter().enumerate().map(losses).collect());
+        let seats = self.known.iter().take(rounds).enumerate();
+        let seats = self.with_seats.then(|| seats.map(losses).collect());
         Worth {
             game: self.game,
             values,
@@ -280,9 +274,9 @@ impl Appraiser {
             return Step::Prepared;
         }
         let known = match next.checked_sub(1) {
-            None if differing.is_empty() => Some(Known::AsAfter),
-            Some(seat) if *differing == [seat] => Some(Known::AsBefore),
-            Some(seat) if !differing.contains(&seat) => Some(Known::AsAfter),
+            None if differing.is_empty() => Some(Known::At(round + 1)),
+            Some(seat) if *differing == [seat] => Some(Known::At(round)),
+            Some(seat) if !differing.contains(&seat) => Some(Known::At(round + 1)),
             _ => None,
         };
         if let Some(known) = known {
@@ -326,21 +320,6 @@ impl Appraiser {
     }
 }
 
-impl Known {
-    const fn value(self, before: f64, after: f64) -> f64 {
-        match self {
-            Self::Rolled(value) => value,
-            Self::AsBefore => before,
-            Self::AsAfter => after,
-        }
-    }
-}
-
-/// The reference of the task.
-pub(crate) fn reference(world: &World) -> &'static BuiltIn {
-    default_for(world.config().task())
-}
-
 /// Players of the reference, by seat.
 #[derive(Clone)]
 pub(crate) struct Players(Vec<Box<dyn Player>>);
@@ -348,7 +327,8 @@ pub(crate) struct Players(Vec<Box<dyn Player>>);
 impl Players {
     /// Players before the first round. They are seeded as those that a server hosts in a fork.
     pub(crate) fn new(layout: &World) -> Self {
-        let make = |agent| reference(layout).make(&Seat::hosted(layout.config(), agent, b""));
+        let reference = default_for(layout.config().task());
+        let make = |agent| reference.make(&Seat::hosted(layout.config(), agent, b""));
         Self(layout.agents().map(make).collect())
     }
 

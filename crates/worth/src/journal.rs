@@ -8,7 +8,7 @@ use swarmbench_engine::{AgentId, Config, World};
 use swarmbench_journal::record::{ActRecord, Source};
 use swarmbench_journal::replay::{Fault, JournalReport, RoundFault, acts_of, verify_seen};
 
-use crate::{Decided, Game};
+use crate::{Decided, Game, Kind};
 
 /// Reads and checks a journal. Returns its game beside the report.
 ///
@@ -40,8 +40,10 @@ pub fn decided<'a>(
     for record in records {
         let agent = AgentId::parse(&record.agent);
         if let Some(decided) = agent.and_then(|agent| decided.get_mut(agent.index())) {
-            decided.is_invalid = !record.valid;
-            decided.is_late = record.source == Source::Clock;
+            decided.fault = match record.source {
+                Source::Clock => Some(Kind::Late),
+                Source::Player => (!record.valid).then_some(Kind::Invalid),
+            };
         }
     }
     Ok(decided)

@@ -5,11 +5,11 @@ use std::collections::BTreeMap;
 use swarmbench_engine::{Act, AgentId, Scratch, TaskName, World};
 use swarmbench_players::default_for;
 use swarmbench_protocol::worth::{
-    DearDecision, GameWorth, KindLoss, MissingPart, RoundLoss, SeatLoss, WorthMethod,
+    DearDecision, GameWorth, LossSum, MissingPart, RoundLoss, WorthMethod,
 };
 
 use crate::words::words;
-use crate::{Game, Kind, WORTH_REVISION, Worth};
+use crate::{Kind, WORTH_REVISION, Worth};
 
 /// Number of decisions in an answer's list of the dearest ones.
 const DEAREST: usize = 10;
@@ -48,80 +48,85 @@ pub fn sent(worth: &Worth) -> GameWorth {
         let named = losses.iter().zip(game.layout.agents());
         named.map(|(loss, agent)| (agent.to_string(), *loss)).collect()
     };
-    let losses = worth.losses().into_iter().enumerate().map(|(round, loss)| RoundLoss {
-        round: u32::try_from(round).unwrap_or(u32::MAX),
-        loss,
-        seats: worth.seats.as_ref().map(|seats| by_agent(&seats[round])),
+    let losses = (0..).zip(worth.values.windows(2)).map(|(round, values)| RoundLoss {
+        round,
+        loss: values[0] - values[1],
+        seats: worth.seats.as_ref().map(|seats| by_agent(&seats[round as usize])),
     });
-    GameWorth {
+    let mut sent = GameWorth {
         losses: Some(losses.collect()),
         values: Some(worth.values.clone()),
         settled_round: (settled <= rounds).then_some(settled),
         accuracy: (first != 0.0).then(|| last / first),
         reference_is_weak: Some(first < score),
-        seats: worth.seats.as_ref().map(|seats| of_seats(game, seats)),
-        kinds: worth.seats.as_ref().map(|seats| of_kinds(&worth.kinds, seats)),
-        dearest: worth.seats.as_ref().map(|seats| dearest(worth, seats)),
         missing: Vec::new(),
         ..without(task, rounds, score, String::new())
+    };
+    if let Some(seats) = &worth.seats {
+        let lost = lost(worth, seats);
+        let agents = game.layout.agents().map(|agent| agent.to_string());
+        sent.seats = Some(sums(agents, lost.iter().map(|of| (of.1.to_string(), of.3))));
+        let kinds = Kind::ALL.map(|kind| kind.name().to_owned()).into_iter();
+        sent.kinds = Some(sums(kinds, lost.iter().map(|of| (of.2.name().to_owned(), of.3))));
+        sent.dearest = Some(dearest(worth, lost));
     }
+    sent
 }
 
-fn of_seats(game: &Game, losses: &[Vec<f64>]) -> BTreeMap<String, SeatLoss> {
-    let sum = |agent: AgentId, sign: f64| {
-        losses.iter().fold(0.0, |sum, round| sum + (sign * round[agent.index()]).max(0.0))
-    };
-    let all = game.layout.agents().fold(0.0, |all, agent| all + sum(agent, 1.0));
-    let seat = |agent: AgentId| {
-        let (lost, gained) = (sum(agent, 1.0), sum(agent, -1.0));
-        let share = (all > 0.0).then(|| lost / all);
-        (agent.to_string(), SeatLoss { lost, gained, share })
-    };
-    game.layout.agents().map(seat).collect()
-}
-
-fn of_kinds(kinds: &[Vec<Option<Kind>>], losses: &[Vec<f64>]) -> BTreeMap<String, KindLoss> {
-    let mut sums: BTreeMap<String, KindLoss> =
-        Kind::ALL.iter().map(|kind| (kind.name().to_owned(), KindLoss::default())).collect();
-    for (kind, loss) in kinds.iter().flatten().zip(losses.iter().flatten()) {
-        if let Some(sum) = kind.and_then(|kind| sums.get_mut(kind.name())) {
-            sum.decisions += 1;
-            sum.lost += loss.max(0.0);
-            sum.gained += 0.0_f64.max(-loss);
+/// Round, agent, kind and loss of each decision.
+fn lost(worth: &Worth, seats: &[Vec<f64>]) -> Vec<(usize, AgentId, Kind, f64)> {
+    let mut lost = Vec::new();
+    for (round, (kinds, losses)) in worth.kinds.iter().zip(seats).enumerate() {
+        for (agent, (kind, loss)) in worth.game.layout.agents().zip(kinds.iter().zip(losses)) {
+            lost.extend(kind.map(|kind| (round, agent, kind, *loss)));
         }
+    }
+    lost
+}
+
+/// Sums of losses by name: all `names`, and those of decisions.
+fn sums(
+    names: impl Iterator<Item = String>,
+    decisions: impl Iterator<Item = (String, f64)>,
+) -> BTreeMap<String, LossSum> {
+    let mut sums: BTreeMap<_, _> = names.map(|name| (name, LossSum::default())).collect();
+    for (name, loss) in decisions {
+        let sum = sums.entry(name).or_default();
+        sum.decisions += 1;
+        sum.lost += loss.max(0.0);
+        sum.gained += 0.0_f64.max(-loss);
+    }
+    let all: f64 = sums.values().map(|sum| sum.lost).sum();
+    for sum in sums.values_mut() {
+        sum.share = (all > 0.0).then(|| sum.lost / all);
     }
     sums
 }
 
 /// The decisions that lost most; of equal ones the earlier.
-fn dearest(worth: &Worth, losses: &[Vec<f64>]) -> Vec<DearDecision> {
-    let game = &worth.game;
-    let mut all: Vec<(usize, AgentId, f64)> = Vec::new();
-    for (round, losses) in losses.iter().enumerate() {
-        let lost = game.layout.agents().zip(losses).filter(|(_, loss)| **loss > 0.0);
-        all.extend(lost.map(|(agent, loss)| (round, agent, *loss)));
-    }
-    all.sort_by(|(_, _, a), (_, _, b)| b.total_cmp(a));
-    all.truncate(DEAREST);
-    let mut found = vec![None; all.len()];
-    let (mut world, mut scratch) = (World::clone(&game.layout), Scratch::default());
-    for (round, decided) in game.rounds.iter().enumerate() {
+fn dearest(worth: &Worth, mut lost: Vec<(usize, AgentId, Kind, f64)>) -> Vec<DearDecision> {
+    lost.retain(|(.., loss)| *loss > 0.0);
+    lost.sort_by(|(.., a), (.., b)| b.total_cmp(a));
+    lost.truncate(DEAREST);
+    let mut found = vec![None; lost.len()];
+    let (mut world, mut scratch) = (World::clone(&worth.game.layout), Scratch::default());
+    for (round, decided) in worth.game.rounds.iter().enumerate() {
         let acts: Vec<Act> = decided.iter().map(|decided| decided.act.clone()).collect();
         let before = world.clone();
         world.step_in(&acts, &mut scratch);
-        for (place, (_, agent, loss)) in all.iter().enumerate().filter(|(_, dear)| dear.0 == round)
+        for (place, (_, agent, kind, loss)) in
+            lost.iter().enumerate().filter(|(_, dear)| dear.0 == round)
         {
-            let (did, reference) =
-                (&acts[agent.index()], &worth.reference_acts[round][agent.index()]);
-            let kind = worth.kinds[round][agent.index()].unwrap_or(Kind::Waited);
+            let did = &acts[agent.index()];
+            let reference = &worth.reference_acts[round][agent.index()];
             found[place] = Some(DearDecision {
-                round: u32::try_from(round).unwrap_or(u32::MAX),
+                round: before.round(),
                 agent: agent.to_string(),
                 loss: *loss,
                 kind: kind.name().to_owned(),
                 action: did.action.map(|action| action.name().to_owned()),
                 reference_action: reference.action.map(|action| action.name().to_owned()),
-                words: words(&before, &world, *agent, (did, kind), reference),
+                words: words(&before, &world, *agent, (did, *kind), reference),
             });
         }
     }

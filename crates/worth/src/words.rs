@@ -12,6 +12,7 @@ pub(crate) fn words(
     (did, kind): (&Act, Kind),
     reference: &Act,
 ) -> String {
+    let name = |action: Option<Action>| action.map_or("nowhere", Action::name);
     let own = match (kind, did.action) {
         (Kind::Invalid, _) => "gave no valid answer".to_owned(),
         (Kind::Late, _) => "was too late".to_owned(),
@@ -28,16 +29,11 @@ pub(crate) fn words(
         Some(Action::Switch) => "switches its light".to_owned(),
         Some(action) => format!("goes {}", action.name()),
     };
-    let same = did.action.unwrap_or(Action::Stay) == reference.action.unwrap_or(Action::Stay);
-    if same {
+    if did.action.unwrap_or(Action::Stay) == reference.action.unwrap_or(Action::Stay) {
         format!("{agent} {own}, without the message of the reference")
     } else {
         format!("{agent} {own}; the reference {would}")
     }
-}
-
-fn name(action: Option<Action>) -> &'static str {
-    action.map_or("nowhere", Action::name)
 }
 
 /// Direction of a move: toward the nearest object of the agent's task, or away from it.

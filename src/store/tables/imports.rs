@@ -39,21 +39,6 @@ impl ImportHash {
     }
 }
 
-/// The fields of an imported game that result comparisons use.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ImportedGame {
-    pub id: String,
-    /// Model name in the files.
-    pub model: String,
-    pub task: String,
-    pub seed: u64,
-    /// Known settings.
-    pub settings: ImportConfig,
-    /// Score of the last state.
-    pub score: f64,
-    pub rounds: u32,
-}
-
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoredImport {
     pub key: ImportKey,
@@ -162,16 +147,15 @@ impl Store {
     }
 
     /// All imported games, oldest first.
-    pub async fn imported_games(&self) -> Result<Vec<ImportedGame>, StoreError> {
-        let text =
-            "SELECT id, model, task, seed, settings, score, rounds FROM imports ORDER BY key";
-        self.fetch_all(query(text)).await
+    pub async fn imported_games(&self) -> Result<Vec<StoredImport>, StoreError> {
+        let mut query = Builder::new(SELECT);
+        query.push("TRUE ORDER BY key");
+        self.fetch_all(query.build()).await
     }
 }
 
 from_row! {
     ImportedRound { round, score, state, acts }
-    ImportedGame { id, model, task, seed, settings, score, rounds }
     StoredImport {
         key, id, run_id, model, task, seed, settings, score, rounds, acts, imported_at,
     }
