@@ -83,6 +83,9 @@ def relations(all_games: pd.DataFrame) -> str:
             if metric not in own or own[[metric, "share"]].dropna()[metric].nunique() < 3:
                 continue
             known = own[["model", metric, "share"]].dropna()
+            # With fewer players most draws are of one player alone.
+            if known["model"].nunique() < 3:
+                continue
             rho = known[metric].corr(known["share"], method="spearman")
             low, high = drawn(known, metric)
             rows.append(
@@ -120,12 +123,13 @@ def main(folder: Path) -> None:
             accuracies(all_games),
         ),
         "What decisions lost": (
-            "Sums of the losses of seats above 0 in a game (*lost*) and below 0 (*gained*), and by kind of decision its share in what was "
-            "lost, and in the number of decisions.",
+            "Sums of the losses of seats above 0 in a game (*lost*) and below 0 (*gained*). By kind of decision: its share in what was "
+            "lost, *of* its share in the number of decisions.",
             kinds(all_games),
         ),
         "Accuracy and metrics": (
-            "Spearman's rank correlation over the games of a task. The interval draws players with all their games.",
+            "Spearman's rank correlation over the games of a task, of metrics that three players or more have. The interval draws players "
+            "with all their games.",
             relations(all_games),
         ),
     }

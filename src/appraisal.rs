@@ -2,9 +2,10 @@
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use swarmbench_engine::{Config, World};
-use swarmbench_worth::{Decided, Game, cost, decided};
+use swarmbench_worth::{Decided, Game, decided, rounds_of};
 
 use crate::episode::actor::Host;
 use crate::episode::heavy::step_micros;
@@ -15,21 +16,24 @@ use crate::measure::layout_of;
 use crate::store::port::StoredEpisode;
 use crate::work::{Cancelled, WorkError, Workers};
 
-/// Decisions that are computed in one piece, about a tenth of a second.
-const PIECE: u64 = 2000;
+/// Time of a piece of work; a single round may take longer.
+const PIECE: Duration = Duration::from_millis(50);
 
 /// Seconds that the worth of one game may take by an estimate. 100 rounds of 16 agents take fewer, with the losses of all seats.
 const WORTH_SECONDS_MAX: u64 = 90;
 
-/// Microseconds of a player's decision, for estimates.
+/// Microseconds of a player's decision on a small map. In another one it reads 50 cells of the map and of its window.
 const MICROS_OF_A_DECISION: u64 = 50;
 
 /// Why the worth of a game is not computed, or its seats' losses if `with_seats`; `None` if it is.
 pub fn too_much(config: &Config, rounds: u32, with_seats: bool) -> Option<String> {
-    let (rolled, decisions) = cost(config, rounds, with_seats);
-    let micros = rolled.saturating_mul(step_micros(config));
-    let micros = micros.saturating_add(decisions.saturating_mul(MICROS_OF_A_DECISION));
-    let seconds = micros / 1_000_000;
+    let settings = config.settings();
+    let cells = |height: i64, width: i64| height.unsigned_abs() * width.unsigned_abs();
+    let map = cells(settings.height, settings.width);
+    let seen = map + map.min(cells(settings.view_size, settings.view_size));
+    let decision = MICROS_OF_A_DECISION + seen / 50;
+    let round = step_micros(config) + u64::from(config.num_agents()) * decision;
+    let seconds = rounds_of(config, rounds, with_seats).saturating_mul(round) / 1_000_000;
     let what = if with_seats { "losses of seats take" } else { "it takes" };
     (seconds > WORTH_SECONDS_MAX).then(|| {
         format!("{what} up to {seconds} s, more than worth_seconds_max, {WORTH_SECONDS_MAX}")
@@ -59,17 +63,23 @@ pub async fn game(
     Ok(Game { layout, rounds: seen.map_err(broken)? })
 }
 
-/// Works to the end in pieces, each in its party's turn. `work` gets the number of decisions of a piece.
+/// Function that works on until the time is up, and breaks with the result.
+type Work<W, R> = fn(Box<W>, &dyn Fn() -> bool) -> ControlFlow<R, Box<W>>;
+
+/// Works to the end in pieces, each in its party's turn.
 pub async fn in_pieces<W: Send + 'static, R: Send + 'static>(
     workers: &Workers,
     party: Party,
     begin: impl FnOnce() -> W + Send + 'static,
-    work: fn(Box<W>, u64) -> ControlFlow<R, Box<W>>,
+    work: Work<W, R>,
 ) -> Result<R, WorkError> {
     let begin = move |_: &Cancelled<'_>| Box::new(begin());
     let mut unfinished = workers.run("worth", party, Rank::Normal, begin).await?;
     loop {
-        let piece = move |_: &Cancelled<'_>| work(unfinished, PIECE);
+        let piece = move |cancelled: &Cancelled<'_>| {
+            let begun = Instant::now();
+            work(unfinished, &|| cancelled.is_cancelled() || begun.elapsed() > PIECE)
+        };
         match workers.run("worth", party, Rank::Normal, piece).await? {
             ControlFlow::Continue(more) => unfinished = more,
             ControlFlow::Break(result) => return Ok(result),

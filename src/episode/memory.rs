@@ -60,8 +60,9 @@ fn beside_states(spec: &Spec) -> usize {
 /// rollout.
 pub fn of_worth(config: &Config, rounds: u32) -> usize {
     let agents = usize::from(config.num_agents());
-    let decisions = rounds as usize * agents * AGENT;
-    decisions + 3 * of_world(config, config.max_round()) + 2 * of_players(config, agents)
+    rounds as usize * agents * AGENT
+        + 3 * of_world(config, config.max_round())
+        + 2 * of_players(config, agents)
 }
 
 #[cfg(test)]

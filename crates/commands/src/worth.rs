@@ -6,14 +6,11 @@ use std::thread;
 use anyhow::{Context, bail};
 use swarmbench_protocol::run::RunDetail;
 use swarmbench_protocol::worth::GameWorth;
-use swarmbench_worth::{Appraiser, game_of, sent};
+use swarmbench_worth::{Appraiser, DEAREST, game_of, sent};
 
 use super::journals::Journal;
 use super::options::ServerArgs;
 use super::output::{self, progress_bar, set, table};
-
-/// Decisions in the list of the dearest ones.
-const DEAREST: usize = 10;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -31,9 +28,6 @@ pub struct Args {
     /// Leave out what each seat lost, which takes most of the time.
     #[arg(long)]
     no_seats: bool,
-    /// The number of threads. Default: one for each processor. It changes nothing but the time.
-    #[arg(long)]
-    threads: Option<NonZero<usize>>,
     /// Print JSON, in the shape of the API; of a run a list.
     #[arg(long)]
     json: bool,
@@ -59,25 +53,20 @@ pub async fn run(args: Args) -> anyhow::Result<()> {
 /// The worth of a journal file, or of an episode, whose journal is downloaded.
 async fn of_game(args: &Args, game: &str) -> anyhow::Result<GameWorth> {
     let journal = Journal::find(game, args.server.clone()).await?;
-    let (with_seats, threads, name) = (!args.no_seats, args.threads, game.to_owned());
-    let work = move || of(&journal, with_seats, threads).with_context(|| name);
+    let (with_seats, name) = (!args.no_seats, game.to_owned());
+    let work = move || of(&journal, with_seats).with_context(|| name);
     tokio::task::spawn_blocking(work).await?
 }
 
-/// The worth of a journal's game; by default on one thread for each processor.
-pub fn of(
-    journal: &Journal,
-    with_seats: bool,
-    threads: Option<NonZero<usize>>,
-) -> anyhow::Result<GameWorth> {
-    let threads = threads.or_else(|| thread::available_parallelism().ok());
+/// The worth of a journal's game, computed on one thread for each processor.
+pub fn of(journal: &Journal, with_seats: bool) -> anyhow::Result<GameWorth> {
     let (report, game) = game_of(journal.open()?)?;
     let bar = progress_bar("{bar:30} round {pos} of {len}, {eta} left");
-    let (threads, rounds) = (threads.map_or(1, NonZero::get), game.rounds.len() as u64);
-    let appraiser = Appraiser::new(game, with_seats);
+    let threads = thread::available_parallelism().map_or(1, NonZero::get);
+    let (rounds, appraiser) = (game.rounds.len() as u64, Appraiser::new(game, with_seats));
     let worth = appraiser.finish_on(threads, |done| set(&bar, done as u64, rounds));
     bar.finish_and_clear();
-    Ok(GameWorth { episode: Some(report.opening.episode), ..sent(&worth) })
+    Ok(GameWorth { episode: Some(report.opening.episode), ..sent(&worth, report.end.is_some()) })
 }
 
 async fn of_run(args: Args) -> anyhow::Result<()> {

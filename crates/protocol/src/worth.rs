@@ -35,8 +35,8 @@ pub struct GameWorth {
     pub losses: Option<Vec<RoundLoss>>,
     /// The first round from which on the reference would have scored nothing more; null if it would still score.
     pub settled_round: Option<u32>,
-    /// The last worth, which is the score of a game that is over, as a share of the first one: what could be scored and was not lost. Above 1 where the swarm did better than the
-    /// reference; null where nothing could be scored.
+    /// The score of a game that has ended, or else the last worth, as a share of the first worth: what could be scored and was not lost.
+    /// Above 1 where the swarm did better than the reference; null where nothing could be scored.
     pub accuracy: Option<f64>,
     /// Whether the game scored more than the reference would have from the start: the reference is weak here.
     pub reference_is_weak: Option<bool>,

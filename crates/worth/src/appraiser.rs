@@ -10,9 +10,6 @@ use swarmbench_players::{Player, Seat, default_for};
 /// Rollouts of a thread before their values are noted.
 const ROLLOUTS_OF_A_THREAD: usize = 4;
 
-/// Cells of players' memories that are copied in the time of a decision.
-const CELLS_OF_A_DECISION: u64 = 6000;
-
 /// A game as it was played.
 #[derive(Clone, Debug)]
 pub struct Game {
@@ -117,15 +114,12 @@ struct Rollout {
 }
 
 impl Rollout {
-    /// Plays to the end of the game, or until this many decisions were made. Returns their number.
-    fn run(&mut self, decisions: u64, scratch: &mut Scratch) -> u64 {
-        let mut made = 0;
-        while made < decisions && !self.world.is_over() {
+    /// Plays to the end of the game, or until the time is up.
+    fn run(&mut self, is_time_up: &dyn Fn() -> bool, scratch: &mut Scratch) {
+        while !self.world.is_over() && !is_time_up() {
             let acts = self.acts.take().unwrap_or_else(|| self.players.decide(&self.world));
-            made += acts.len() as u64;
             self.world.step_in(&acts, scratch);
         }
-        made
     }
 }
 
@@ -141,8 +135,6 @@ pub struct Appraiser {
     scratch: Scratch,
     /// A rollout that has begun.
     begun: Option<Box<Rollout>>,
-    /// Decisions that were computed so far, or what takes as long.
-    decisions: u64,
     /// By round, and for the state after the last one: the worth before it, then the worth after it with the reference's act of each seat.
     known: Vec<Vec<Known>>,
     scores: Vec<f64>,
@@ -164,22 +156,22 @@ impl Appraiser {
             decided: None,
             scratch: Scratch::default(),
             begun: None,
-            decisions: 0,
             known: Vec::new(),
             kinds: Vec::new(),
             reference_acts: Vec::new(),
         }
     }
 
-    /// Works until about `decisions` more decisions of players were computed. Breaks with the worth once all is done.
-    pub fn work(mut self: Box<Self>, decisions: u64) -> ControlFlow<Worth, Box<Self>> {
-        let until = self.decisions.saturating_add(decisions);
-        while self.decisions < until {
+    /// Works until the time is up, which it asks after each round that it plays. Breaks with the worth once all is done.
+    pub fn work(
+        mut self: Box<Self>,
+        is_time_up: &dyn Fn() -> bool,
+    ) -> ControlFlow<Worth, Box<Self>> {
+        while !is_time_up() {
             match self.begun.take().map_or_else(|| self.advance(), Step::Rollout) {
                 Step::Prepared => {}
                 Step::Rollout(mut rollout) => {
-                    self.decisions +=
-                        rollout.run(until.saturating_sub(self.decisions), &mut self.scratch);
+                    rollout.run(is_time_up, &mut self.scratch);
                     if rollout.world.is_over() {
                         self.note(&rollout);
                     } else {
@@ -212,7 +204,7 @@ impl Appraiser {
                     scope.spawn(|| {
                         let mut scratch = Scratch::default();
                         for rollout in some {
-                            rollout.run(u64::MAX, &mut scratch);
+                            rollout.run(&|| false, &mut scratch);
                         }
                     });
                 }
@@ -263,7 +255,6 @@ impl Appraiser {
             let differs = |seat: &usize| acts[*seat] != reference[*seat];
             let alive = self.world.agents().filter(|agent| self.world.is_alive(*agent));
             let differing = alive.map(AgentId::index).filter(differs).collect();
-            self.decisions += reference.len() as u64;
             self.decided = Some((reference, differing));
             self.known.push(Vec::new());
             return Step::Prepared;
@@ -295,7 +286,6 @@ impl Appraiser {
         let round = self.known.len() - 1;
         let place = (round, self.known[round].len());
         self.known[round].push(Known::Rolled(f64::NAN));
-        self.decisions += copy_of(self.game.layout.config());
         let (world, players) = (self.world.clone(), self.players.clone());
         Step::Rollout(Box::new(Rollout { place, world, players, acts }))
     }
@@ -346,22 +336,12 @@ impl Players {
     }
 }
 
-/// Decisions that take as long as copying all players, who may remember each cell.
-fn copy_of(config: &Config) -> u64 {
-    let settings = config.settings();
-    let cells = settings.width.unsigned_abs() * settings.height.unsigned_abs();
-    cells * u64::from(config.num_agents()) / CELLS_OF_A_DECISION
-}
-
-/// Rounds that all rollouts of a game of `rounds` resolved rounds have at most, and decisions that take as long as theirs. Rollouts last
-/// to the last round that the settings allow.
+/// Rounds that all rollouts of a game of `rounds` resolved rounds have at most: they last to the last round that the settings allow.
 #[must_use]
-pub fn cost(config: &Config, rounds: u32, with_seats: bool) -> (u64, u64) {
+pub fn rounds_of(config: &Config, rounds: u32, with_seats: bool) -> u64 {
     let (agents, last) = (u64::from(config.num_agents()), u64::from(config.max_round()));
-    let (rounds, of_a_state) =
-        (u64::from(rounds).min(last), if with_seats { agents + 1 } else { 1 });
+    let rounds = u64::from(rounds).min(last);
     // The sum of `last - t` for the states t from 0 to `rounds`.
-    let rolled = ((rounds + 1) * last - rounds * (rounds + 1) / 2).saturating_mul(of_a_state);
-    let copies = (rounds + 1) * of_a_state * copy_of(config);
-    (rolled, rolled.saturating_mul(agents).saturating_add(copies))
+    let rolled = (rounds + 1) * last - rounds * (rounds + 1) / 2;
+    rolled.saturating_mul(if with_seats { agents + 1 } else { 1 })
 }

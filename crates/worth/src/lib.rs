@@ -25,10 +25,10 @@ mod line;
 mod sent;
 mod words;
 
-pub use appraiser::{Appraiser, Decided, Game, Kind, Worth, cost};
+pub use appraiser::{Appraiser, Decided, Game, Kind, Worth, rounds_of};
 pub use journal::{decided, game_of};
 pub use line::Liner;
-pub use sent::{method, sent, without};
+pub use sent::{DEAREST, method, sent, without};
 
 /// Revision of all definitions: a worth of another revision is computed again.
 pub const WORTH_REVISION: u32 = 1;

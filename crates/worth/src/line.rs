@@ -27,10 +27,13 @@ impl Liner {
         Self { players: Players::new(&world), world, game, round, rounds, line: Vec::new() }
     }
 
-    /// Works until about `decisions` more decisions of players were computed. Breaks with the line once all is done.
-    pub fn work(mut self: Box<Self>, decisions: u64) -> ControlFlow<ReferenceLine, Box<Self>> {
-        let (mut made, mut scratch) = (0, Scratch::default());
-        while made < decisions {
+    /// Works until the time is up, which it asks after each round. Breaks with the line once all is done.
+    pub fn work(
+        mut self: Box<Self>,
+        is_time_up: &dyn Fn() -> bool,
+    ) -> ControlFlow<ReferenceLine, Box<Self>> {
+        let mut scratch = Scratch::default();
+        while !is_time_up() {
             let round = self.world.round();
             if self.world.is_over() || round >= self.round.saturating_add(self.rounds) {
                 let method = method(self.world.config().task());
@@ -39,7 +42,6 @@ impl Liner {
                 return ControlFlow::Break(line);
             }
             let mut acts = self.players.decide(&self.world);
-            made += acts.len() as u64;
             if round < self.round {
                 let played = &self.game.rounds[round as usize];
                 acts = played.iter().map(|decided| decided.act.clone()).collect();

@@ -12,7 +12,7 @@ use crate::words::words;
 use crate::{Kind, WORTH_REVISION, Worth};
 
 /// Number of decisions in an answer's list of the dearest ones.
-const DEAREST: usize = 10;
+pub const DEAREST: usize = 10;
 
 /// Method by which the worth of games of this task is computed.
 #[must_use]
@@ -34,16 +34,17 @@ pub fn without(task: TaskName, rounds: u32, score: f64, detail: String) -> GameW
     }
 }
 
-/// The worth of a game as it is sent.
+/// The worth of a game as it is sent. Nothing more can be scored in a game that has ended, also where the rules would let it go on.
 #[must_use]
-pub fn sent(worth: &Worth) -> GameWorth {
+pub fn sent(worth: &Worth, has_ended: bool) -> GameWorth {
     let game = &worth.game;
     let task = game.layout.config().task();
     let rounds = u32::try_from(game.rounds.len()).unwrap_or(u32::MAX);
     let could_score = |state: &u32| worth.values[*state as usize] > worth.scores[*state as usize];
     let settled = (0..=rounds).rev().find(could_score).map_or(0, |last| last + 1);
-    let (first, last) = (worth.values[0], worth.values[game.rounds.len()]);
     let score = worth.scores[game.rounds.len()];
+    let first = worth.values[0];
+    let reached = if has_ended { score } else { worth.values[game.rounds.len()] };
     let by_agent = |losses: &Vec<f64>| {
         let named = losses.iter().zip(game.layout.agents());
         named.map(|(loss, agent)| (agent.to_string(), *loss)).collect()
@@ -57,7 +58,7 @@ pub fn sent(worth: &Worth) -> GameWorth {
         losses: Some(losses.collect()),
         values: Some(worth.values.clone()),
         settled_round: (settled <= rounds).then_some(settled),
-        accuracy: (first != 0.0).then(|| last / first),
+        accuracy: (first != 0.0).then(|| reached / first),
         reference_is_weak: Some(first < score),
         missing: Vec::new(),
         ..without(task, rounds, score, String::new())

@@ -10,7 +10,7 @@ use super::super::extract::optional_flag;
 use super::super::prelude::*;
 use crate::appraisal::{game, in_pieces, too_much};
 use crate::episode::memory::of_worth;
-use crate::fair::Party;
+use crate::fair::{Party, Rank};
 use crate::store::entries::Entry;
 use crate::store::metrics::MetricsRow;
 use crate::store::port::StoredEpisode;
@@ -127,8 +127,9 @@ pub(in super::super) async fn show_reference_line(
         return Err(ApiError::new(Code::Invalid, detail));
     }
     let _permit = app.heavy.worth().await?;
-    let _memory = app.registry.room(of_worth(&spec.config, round))?;
     let party = Party::current();
+    let bytes = of_worth(&spec.config, round);
+    let _memory = app.registry.room_of(bytes, Some(party), Rank::Normal)?;
     let game = game(app.registry.host(), &stored, round, party).await?;
     let begin = move || Liner::new(game, round, rounds);
     let mut line = in_pieces(&app.workers, party, begin, Liner::work).await?;
@@ -152,13 +153,16 @@ impl App {
         if let Some(found) = self.stored_worth(stored, with_seats).await? {
             return Ok(found);
         }
-        let _memory = self.registry.room(of_worth(config, stored.rounds))?;
         let (host, party) = (self.registry.host(), Party::current());
+        let bytes = of_worth(config, stored.rounds);
+        let _memory = self.registry.room_of(bytes, Some(party), Rank::Normal)?;
         let game = game(host, stored, stored.rounds, party).await?;
         let begin = move || Appraiser::new(game, with_seats);
         let worth = in_pieces(&host.workers, party, begin, Appraiser::work).await?;
-        let worth = self.heavy.render(move || sent(&worth)).await?;
-        if stored.ended_at.is_some() {
+        let has_ended = stored.ended_at.is_some();
+        let worth = self.heavy.render(move || sent(&worth, has_ended)).await?;
+        // Somebody else may have stored one with the losses of seats meanwhile.
+        if has_ended && (with_seats || self.stored_worth(stored, false).await?.is_none()) {
             let rows = MetricsRow::of_worth(stored.episode, &worth);
             let entry = |row| Entry::Measured { number: None, metrics: Some(Box::new(row)) };
             self.store.keep(rows.map(entry).into()).await?;

@@ -219,7 +219,7 @@ impl Store {
     }
 
     /// Means of metrics of the definition `paper` over the games of each run and task, voided games excluded; `None` where no
-    /// game has a stored value.
+    /// game has a stored value, and of accuracies where one game's worth is not stored.
     pub async fn mean_metrics(
         &self,
         runs: &[String],
@@ -236,10 +236,10 @@ impl Store {
         }
         // Sorted by number, as a sum of floats depends on its order.
         games.sort_unstable_by_key(|(.., episode)| *episode);
-        let mut means = BTreeMap::new();
+        let (mut means, mut unknown) = (BTreeMap::new(), BTreeSet::new());
         let methods: BTreeSet<_> = metrics.iter().map(|metric| metric.method()).collect();
         for some in games.chunks(GAMES_AT_ONCE) {
-            let mut query = Builder::new("SELECT episode, measured FROM metrics WHERE (");
+            let mut query = Builder::new("SELECT episode, embedder, measured FROM metrics WHERE (");
             for (place, (embedder, revision)) in methods.iter().enumerate() {
                 query.push(if place == 0 { "(embedder = " } else { " OR (embedder = " });
                 query.push_bind(*embedder).push(" AND revision = ").push_bind(*revision).push(")");
@@ -247,8 +247,12 @@ impl Store {
             query.push(") AND episode IN ");
             query.push_list(some.iter().map(|(.., episode)| episode.0));
             query.push(" ORDER BY episode");
-            let read: Vec<(EpisodeKey, String)> = self.fetch_all(query.build()).await?;
-            for (episode, measured) in read {
+            let read: Vec<(EpisodeKey, String, String)> = self.fetch_all(query.build()).await?;
+            let known: BTreeSet<EpisodeKey> =
+                read.iter().filter(|row| row.1 == ACCURACY.0).map(|row| row.0).collect();
+            let others = some.iter().filter(|(.., episode)| !known.contains(episode));
+            unknown.extend(others.map(|(run, task, _)| (run.clone(), task.clone())));
+            for (episode, _, measured) in read {
                 let place = some.binary_search_by_key(&episode, |(.., episode)| *episode);
                 let Ok(place) = place else { continue };
                 let (run, task, _) = &some[place];
@@ -263,7 +267,14 @@ impl Store {
             }
             tokio::task::yield_now().await;
         }
-        let means = means.into_iter().map(|(of, sums)| (of, sums.iter().map(Sum::mean).collect()));
+        // A mean over some games alone would be one over those that somebody chose.
+        let mean = |of: &RunTask, (sum, metric): (&Sum, &BoardMetric)| {
+            sum.mean().filter(|_| *metric != BoardMetric::Accuracy || !unknown.contains(of))
+        };
+        let means = means.into_iter().map(|(of, sums): (RunTask, Vec<Sum>)| {
+            let means = sums.iter().zip(metrics).map(|sum| mean(&of, sum)).collect();
+            (of, means)
+        });
         Ok(means.collect())
     }
 }

@@ -151,7 +151,7 @@ async fn the_worth_of_a_sealed_game_is_read_after_the_reveal() {
 #[tokio::test]
 async fn boards_show_the_accuracy_of_stored_worths_and_compute_none() {
     let app = TestApp::start().await;
-    let suite = json!({ "name": "s", "tasks": ["Synchronization"], "seeds": [1], "settings": { "num_agents": 2, "max_round": 4 } });
+    let suite = json!({ "name": "s", "tasks": ["Synchronization"], "seeds": [1, 2], "settings": { "num_agents": 2, "max_round": 4 } });
     let body = json!({ "suite": suite, "model": "m", "player": "default" });
     let run = app.post("/api/v1/runs").json(&body).ok().await;
     let path = format!("/api/v1/runs/{}", run["id"].as_str().expect("an id"));
@@ -160,14 +160,32 @@ async fn boards_show_the_accuracy_of_stored_worths_and_compute_none() {
     let metrics =
         async || app.get(board).ok().await["items"][0]["metrics"]["Synchronization"].take();
     assert_eq!(metrics().await["accuracy"], Value::Null);
-    let game = app.get(&path).ok().await["games"][0]["episode"].take();
-    let game = game.as_str().expect("an id");
-    app.get(&format!("/api/v1/episodes/{game}/worth?seats=false")).ok().await;
+    let games = app.get(&path).ok().await["games"].take();
+    let [other, game] = [0, 1].map(|game| games[game]["episode"].as_str().expect("an id"));
+    let store = async |game: &str| {
+        app.get(&format!("/api/v1/episodes/{game}/worth?seats=false")).ok().await;
+    };
+    store(other).await;
+    // A mean over some of the games would be one over those that somebody chose.
+    assert_eq!(metrics().await["accuracy"], Value::Null);
+    store(game).await;
     until("the board has it", async || metrics().await["accuracy"] == 1.0).await;
     // The same of the game's journal, by the command, and in the table of games.
     let shown = printed(&swarmbench(&["worth", game, "--json", "--server", app.base()]).await);
     let shown: Value = serde_json::from_str(&shown).expect("JSON");
     assert_eq!((&shown["accuracy"], &shown["values"][0]), (&json!(1.0), &json!(4.0)));
+}
+
+#[tokio::test]
+async fn nothing_more_can_be_scored_in_a_game_that_was_aborted() {
+    let app = TestApp::start().await;
+    let episode = app.create(request(2, 3)).await;
+    let of = async || app.get(&episode.path("/worth")).ok().await;
+    let (first, last) = (1.0, 0.0);
+    assert_eq!(of().await["accuracy"], first);
+    app.delete(&episode.path("")).token(&episode.swarm).ok().await;
+    let worth = of().await;
+    assert_eq!((&worth["accuracy"], &worth["score"]), (&json!(last), &json!(0.0)));
 }
 
 #[tokio::test]

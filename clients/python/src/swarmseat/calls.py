@@ -241,7 +241,7 @@ class Calls:
         of each state, what each round and each seat lost, and the ten decisions that lost most. A worth of a game
         that has ended is stored.
 
-        Whoever may fork the episode may read it: it is computed from random draws that are still to come.
+        Callers who may fork the episode may read it: it is computed from random draws that are still to come.
 
         Args:
             id: The episode's id
@@ -254,8 +254,8 @@ class Calls:
     def line(self, id: str, *, round: int | None = None, rounds: int | None = None) -> Call[wire.ReferenceLine]:
         """Show how the reference would play on.
 
-        The rounds that a fork with `"player": "default"` would begin with, without making one. Whoever may fork
-        the episode may read them.
+        The rounds that a fork with `"player": "default"` would begin with, without making one. Callers who may
+        fork the episode may read them.
 
         Args:
             id: The episode's id

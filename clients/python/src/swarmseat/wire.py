@@ -1633,8 +1633,8 @@ class WorthMethod(TypedDict):
     """Revision of the reference's decisions and of all definitions."""
 
 
-class KindLoss(TypedDict):
-    """Losses of all decisions of a kind."""
+class LossSum(TypedDict):
+    """Losses of all decisions of a seat, or of a kind."""
 
     decisions: int
     """Number of decisions."""
@@ -1642,6 +1642,8 @@ class KindLoss(TypedDict):
     """Sum of their losses below 0, as a number above 0."""
     lost: float
     """Sum of their losses above 0."""
+    share: float | None
+    """Share in what all decisions of the game lost; null where nothing was lost."""
 
 
 class RoundLoss(TypedDict):
@@ -1668,17 +1670,6 @@ class MissingPart(TypedDict):
     """The part: `values` or `seats`."""
 
 
-class SeatLoss(TypedDict):
-    """Losses of a seat."""
-
-    gained: float
-    """Sum of the seat's losses below 0, as a number above 0."""
-    lost: float
-    """Sum of the seat's losses above 0."""
-    share: float | None
-    """Share of the seat in what all seats lost; null where nothing was lost."""
-
-
 class GameWorth(WorthMethod):
     """Worth of the states of a game, and losses of its decisions."""
 
@@ -1690,7 +1681,7 @@ class GameWorth(WorthMethod):
     """The ten decisions that lost most, the dearest first. Null if they are missing."""
     episode: str | None
     """Id of the game; null for a file that does not say it."""
-    kinds: dict[str, KindLoss] | None
+    kinds: dict[str, LossSum] | None
     """Losses of seats by kind of decision: `moved`, `waited`, `blocked`, `switched`, `invalid`, `late`."""
     losses: list[RoundLoss] | None
     """Losses of the rounds, in order. Null if it is missing."""
@@ -1702,7 +1693,7 @@ class GameWorth(WorthMethod):
     """Number of resolved rounds."""
     score: float
     """Score after these rounds."""
-    seats: dict[str, SeatLoss] | None
+    seats: dict[str, LossSum] | None
     """Losses of each seat, by the name of its agent. Null if they are missing."""
     settled_round: int | None
     """The first round from which on the reference would have scored nothing more; null if it would still score."""

@@ -144,7 +144,7 @@ fn write(
     );
     let last = last.min(outline.last());
     if let Some(path) = &args.output.html {
-        let worth = args.losses.then(|| crate::worth::of(journal, true, None)).transpose()?;
+        let worth = args.losses.then(|| crate::worth::of(journal, true)).transpose()?;
         let page = GamePage::new(outline, first..=last, args.prompts, worth, single_page);
         return write_page(page, path, last, journal, stop);
     }
