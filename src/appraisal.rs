@@ -17,7 +17,7 @@ use crate::store::port::StoredEpisode;
 use crate::work::{Cancelled, WorkError, Workers};
 
 /// Time of a piece of work; a single round may take longer.
-const PIECE: Duration = Duration::from_millis(50);
+const PIECE: Duration = Duration::from_millis(20);
 
 /// Seconds that the worth of one game may take by an estimate. 100 rounds of 16 agents take fewer, with the losses of all seats.
 const WORTH_SECONDS_MAX: u64 = 90;

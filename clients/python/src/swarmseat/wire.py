@@ -1674,8 +1674,9 @@ class GameWorth(WorthMethod):
     """Worth of the states of a game, and losses of its decisions."""
 
     accuracy: float | None
-    """The last worth, which is the score of a game that is over, as a share of the first one: what could be scored
-    and was not lost. Above 1 where the swarm did better than the reference; null where nothing could be scored.
+    """The score of a game that has ended, or else the last worth, as a share of the first worth: what could be
+    scored and was not lost. Above 1 where the swarm did better than the reference; null where nothing could be
+    scored.
     """
     dearest: list[DearDecision] | None
     """The ten decisions that lost most, the dearest first. Null if they are missing."""
