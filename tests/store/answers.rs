@@ -298,6 +298,7 @@ impl Questions<'_> {
             let method = stored_method();
             self.ask(&of("metrics_of"), async |side| side.store.metrics_of(key, method).await)
                 .await;
+            self.ask(&of("worth_of"), async |side| side.store.worth_of(key).await).await;
             let idempotency = self.idempotency();
             self.ask(&idempotency, async |side| side.store.created_with(&idempotency).await).await;
             self.ask(&idempotency, async |side| side.store.claimed_with(&idempotency).await).await;
