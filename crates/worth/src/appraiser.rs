@@ -135,7 +135,8 @@ pub struct Appraiser {
     scratch: Scratch,
     /// A rollout that has begun.
     begun: Option<Box<Rollout>>,
-    /// By round, and for the state after the last one: the worth before it, then the worth after it with the reference's act of each seat.
+    /// Values of rollouts by round: the worth before it, then the worth after it with the reference's act of each seat. A last one is of
+    /// the state after all rounds.
     known: Vec<Vec<Known>>,
     scores: Vec<f64>,
     kinds: Vec<Vec<Option<Kind>>>,
