@@ -180,7 +180,17 @@ impl Honest {
     /// Asks until there is an answer that is not "later"; the server may be away for a while. An organizer is told that only
     /// where no connection is free: then the server does not know who asks.
     async fn ask(&self, wire: &mut Wire, request: &Request) -> io::Result<WireAnswer> {
+        self.ask_again(wire, request).await.map(|(answer, _)| answer)
+    }
+
+    /// An answer as from `ask`, and whether an answer to an earlier try was lost: the server may have done what it was asked for.
+    async fn ask_again(
+        &self,
+        wire: &mut Wire,
+        request: &Request,
+    ) -> io::Result<(WireAnswer, bool)> {
         let began = Instant::now();
+        let mut is_again = false;
         let is_organizers = request.token.as_ref() == Some(&self.place.organizer);
         loop {
             wire.to = *self.at.borrow();
@@ -190,13 +200,16 @@ impl Honest {
                 {
                     let pause = answer.retry_after.unwrap_or(Duration::from_secs(1));
                     if began.elapsed() + pause > PATIENCE {
-                        return Ok(answer);
+                        return Ok((answer, is_again));
                     }
                     (PATIENCE, pause)
                 }
-                Ok(answer) => return Ok(answer),
+                Ok(answer) => return Ok((answer, is_again)),
                 Err(error) if began.elapsed() > AWAY => return Err(error),
-                Err(_) => (AWAY, Duration::from_millis(50)),
+                Err(_) => {
+                    is_again = true;
+                    (AWAY, Duration::from_millis(50))
+                }
             };
             if began.elapsed() > patience {
                 return Err(io::ErrorKind::TimedOut.into());
@@ -246,13 +259,19 @@ impl Honest {
 
     /// Enters as somebody new; its key.
     async fn enter(&self, wire: &mut Wire, score: &Score) -> io::Result<String> {
-        let number = self.entered.fetch_add(1, Ordering::Relaxed);
         let path = format!("/api/v1/competitions/{}/entrants", self.place.cup);
-        let body = json!({ "name": format!("honest {number}"), "model": "patience" });
-        let began = Instant::now();
-        let entered: Value = self.ask(wire, &Request::post(path, &body)).await?.read()?;
-        score.took("enter", began.elapsed());
-        text(&entered, "/key")
+        loop {
+            let number = self.entered.fetch_add(1, Ordering::Relaxed);
+            let body = json!({ "name": format!("honest {number}"), "model": "patience" });
+            let began = Instant::now();
+            let (entered, is_again) = self.ask_again(wire, &Request::post(&path, &body)).await?;
+            // A server that was killed after it had stored the entry has taken the name, and the key is lost.
+            if is_again && entered.status == 422 {
+                continue;
+            }
+            score.took("enter", began.elapsed());
+            return text(&entered.read()?, "/key");
+        }
     }
 
     async fn play_all(&self, wire: &mut Wire, score: &Score, token: &str) -> io::Result<()> {
@@ -389,9 +408,13 @@ impl Honest {
         let mut wire =
             Wire::new(*self.at.borrow(), Source::in_site(0, 0), &score.tally).keeping_all();
         let began = Instant::now();
-        let entered: Value = self.ask(&mut wire, &Request::post(path, &body)).await?.read()?;
+        let (entered, is_again) = self.ask_again(&mut wire, &Request::post(path, &body)).await?;
+        // A server that was killed after it had stored the entry has used up the code.
+        if is_again && entered.status == 403 {
+            return Ok(());
+        }
         score.took("enter with a code", began.elapsed());
-        text(&entered, "/key").map(drop)
+        text(&entered.read()?, "/key").map(drop)
     }
 
     /// Errands of an honest entrant: it reads the board, its journal, an export. An organizer watches a game, and exports it.
