@@ -5,7 +5,7 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations/sqlite`.
-const SQLITE: [(i64, &str, &str); 20] = [
+const SQLITE: [(i64, &str, &str); 21] = [
     (1, "journal", include_str!("../migrations/sqlite/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/sqlite/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/sqlite/0003_runs.sql")),
@@ -26,10 +26,11 @@ const SQLITE: [(i64, &str, &str); 20] = [
     (18, "looks", include_str!("../migrations/sqlite/0018_looks.sql")),
     (19, "networks", include_str!("../migrations/sqlite/0019_networks.sql")),
     (20, "labels", include_str!("../migrations/sqlite/0020_labels.sql")),
+    (21, "listing", include_str!("../migrations/sqlite/0021_listing.sql")),
 ];
 
 /// The same of `migrations/postgres`. A version makes the same tables and columns in both.
-const POSTGRES: [(i64, &str, &str); 7] = [
+const POSTGRES: [(i64, &str, &str); 8] = [
     (14, "tables", include_str!("../migrations/postgres/0014_tables.sql")),
     (15, "fleet", include_str!("../migrations/postgres/0015_fleet.sql")),
     (16, "lists", include_str!("../migrations/postgres/0016_lists.sql")),
@@ -37,6 +38,7 @@ const POSTGRES: [(i64, &str, &str); 7] = [
     (18, "looks", include_str!("../migrations/postgres/0018_looks.sql")),
     (19, "networks", include_str!("../migrations/postgres/0019_networks.sql")),
     (20, "labels", include_str!("../migrations/postgres/0020_labels.sql")),
+    (21, "listing", include_str!("../migrations/postgres/0021_listing.sql")),
 ];
 
 /// Migrations of SQLite, oldest first.
@@ -105,6 +107,38 @@ mod tests {
         let texts = sqlx::query(texts).fetch_all(&mut database).await.expect("rows");
         let texts: Vec<String> = texts.iter().map(|row| row.get(0)).collect();
         assert_eq!(texts, ["erased ent_1", "Grace", "free", "{}", "other"]);
+    }
+
+    #[tokio::test]
+    async fn games_of_earlier_versions_have_what_lists_show() {
+        use sqlx::sqlite::SqliteConnectOptions;
+        use sqlx::{ConnectOptions as _, Executor as _, Row as _};
+
+        let opened = SqliteConnectOptions::new().in_memory(true).connect().await;
+        let mut database = opened.expect("a database");
+        let before =
+            SQLITE.iter().filter(|(version, ..)| *version < 21).copied().collect::<Vec<_>>();
+        migrator(&before).run(&mut database).await.expect("the tables of an earlier version");
+        let rows = r#"
+            INSERT INTO episodes (key, id, opening, task, model, visibility, status, clocked, head, ending, created_at, ended_at)
+            VALUES (1, 'ep_1', '{"config":{"seed":7},"agent_meta":{"kind":"human"}}', 't', 'm', 'public', 'finished', 0, x'',
+                    '{"rounds":2,"score":1.5}', 0, 1),
+                   (2, 'ep_2', '{"config":{"seed":8},"agent_meta":{}}', 't', 'm', 'public', 'aborted', 0, x'',
+                    '{"rounds":0,"score":9.0}', 0, 1),
+                   (3, 'ep_3', 'damaged', 't', 'm', 'public', 'running', 0, x'', NULL, 0, NULL),
+                   (4, 'ep_4', '{"config":{"seed":{}}}', 't', 'm', 'public', 'finished', 0, x'',
+                    '{"rounds":"some","score":"none"}', 0, 1);
+            INSERT INTO rounds (episode, round, digest, score, head, at) VALUES (1, 0, x'', 1, x'', 0), (1, 1, x'', 1.5, x'', 0);
+            INSERT INTO claims (episode, holder, model, agent_meta, claimed_at) VALUES (2, 1, 'm', '{"kind":"human"}', 0)"#;
+        database.execute(rows).await.expect("rows");
+        sqlite().run(&mut database).await.expect("the newest tables");
+        let read = "SELECT concat_ws(' ', key, score, rounds, seed, curve, people) FROM episodes ORDER BY key";
+        let read = sqlx::query(read).fetch_all(&mut database).await.expect("rows");
+        let read: Vec<String> = read.iter().map(|row| row.get(0)).collect();
+        assert_eq!(
+            read,
+            ["1 1.5 2.0 7.0 [0,1.0,1.5] 1", "2 0.0 0.0 8.0 [0] 1", "3 0", "4 0.0 0.0 0.0 [0] 0"]
+        );
     }
 
     #[test]

@@ -7,6 +7,7 @@ use super::App;
 use super::answer::json;
 use super::error::{ApiError, Code};
 use crate::fair::Permit;
+use crate::ids::EpisodeKey;
 use crate::store::StoreError;
 
 /// Rows read at once: the work that an async thread does in one piece.
@@ -29,10 +30,32 @@ pub(super) struct Page {
     items: usize,
     items_max: usize,
     bytes_max: usize,
+    /// First character of its cursors.
+    mark: char,
     /// Number of the last item; at first, of the item before the page.
     place: Option<i64>,
     is_full: bool,
     has_ended: bool,
+}
+
+/// Rows that were read for a page, and the last episode that was looked at where the list goes on after it.
+pub(super) trait Found {
+    type Row;
+    fn split(self) -> (Vec<Self::Row>, Option<EpisodeKey>);
+}
+
+impl<R> Found for Vec<R> {
+    type Row = R;
+    fn split(self) -> (Self, Option<EpisodeKey>) {
+        (self, None)
+    }
+}
+
+impl<R> Found for (Vec<R>, Option<EpisodeKey>) {
+    type Row = R;
+    fn split(self) -> Self {
+        self
+    }
 }
 
 impl Page {
@@ -55,22 +78,30 @@ impl Page {
             items: 0,
             items_max: items_max as usize,
             bytes_max: app.limits.answer_bytes_max - CURSOR_BYTES_MAX,
+            mark: NEWEST,
             place,
             is_full: false,
             has_ended: false,
         })
     }
 
+    /// The page after `cursor` in an order whose cursors begin with `mark`: a cursor of another order names another place.
+    pub(super) fn ordered(mut self, mark: char, cursor: Option<&str>) -> Result<Self, ApiError> {
+        self.mark = mark;
+        self.place = read_cursor_of(mark, cursor)?;
+        Ok(self)
+    }
+
     /// Fills the page and responds with it. `read` gets the number of the last item and the rows to read, based on `rows_max`;
     /// `show` returns the number of a row and its item.
-    pub(super) async fn fill<R, T: Serialize, F>(
+    pub(super) async fn fill<V: Found, T: Serialize, F>(
         mut self,
         rows_max: u32,
         mut read: impl FnMut(Option<i64>, u32) -> F,
-        mut show: impl FnMut(R) -> Result<(i64, T), ApiError>,
+        mut show: impl FnMut(V::Row) -> Result<(i64, T), ApiError>,
     ) -> Result<Response, ApiError>
     where
-        F: Future<Output = Result<Vec<R>, StoreError>>,
+        F: Future<Output = Result<V, StoreError>>,
     {
         if self.items_max > rows_max as usize {
             self.permit = self.app.heavy.large_answer_at_once();
@@ -78,8 +109,11 @@ impl Page {
         loop {
             let pieces = if self.permit.is_some() { PIECES_WITH_PERMIT } else { 1 };
             let Some(wanted) = self.wants(pieces * rows_max) else { return Ok(self.answer()) };
-            let rows = read(self.place, wanted).await?;
+            let (rows, seen) = read(self.place, wanted).await?.split();
             self.add(wanted, rows, &mut show)?;
+            if let (Some(seen), false) = (seen, self.is_full) {
+                (self.is_full, self.place) = (true, Some(seen.0));
+            }
             // Short lists, and pages of the default size, are answered while others make long ones.
             let is_long = self.items_max > (PIECES_WITH_PERMIT * rows_max) as usize
                 || self.body.len() > SHORT_BYTES_MAX;
@@ -142,7 +176,8 @@ impl Page {
 
     /// The response. A full page names the next one.
     pub(super) fn answer(mut self) -> Response {
-        let next = self.place.filter(|_| self.is_full).map(write_cursor);
+        let next =
+            self.place.filter(|_| self.is_full).map(|place| format!("{}{place:x}", self.mark));
         self.body.extend_from_slice(b"],\"next_cursor\":");
         serde_json::to_writer(&mut self.body, &next).expect("a text");
         self.body.push(b'}');
@@ -224,7 +259,14 @@ list_params! {
 
 /// Start of a page of a list: after the item with this number.
 pub(super) fn read_cursor(text: Option<&str>) -> Result<Option<i64>, ApiError> {
-    let number = |text: &str| i64::from_str_radix(text.strip_prefix('c')?, 16).ok();
+    read_cursor_of(NEWEST, text)
+}
+
+/// First character of the cursors of lists in their usual order.
+const NEWEST: char = 'c';
+
+fn read_cursor_of(mark: char, text: Option<&str>) -> Result<Option<i64>, ApiError> {
+    let number = |text: &str| i64::from_str_radix(text.strip_prefix(mark)?, 16).ok();
     cursor_by(text, |text| number(text).filter(|number| *number >= 0))
 }
 
@@ -233,14 +275,14 @@ pub(super) fn cursor_by<T>(
     text: Option<&str>,
     read: impl Fn(&str) -> Option<T>,
 ) -> Result<Option<T>, ApiError> {
-    let detail = "cursor must be the next_cursor of an earlier page";
+    let detail = "cursor must be the next_cursor of an earlier page in the same order";
     let read = |text| read(text).ok_or_else(|| ApiError::new(Code::Malformed, detail));
     text.map(read).transpose()
 }
 
 /// The cursor of the page after the item with this number.
 pub(super) fn write_cursor(number: i64) -> String {
-    format!("c{number:x}")
+    format!("{NEWEST}{number:x}")
 }
 
 /// Maximum bytes after the items.

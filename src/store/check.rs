@@ -28,6 +28,7 @@ use crate::ids::EpisodeKey;
 use crate::migrations;
 use crate::store::imports::ImportHash;
 use crate::store::results::read_failures;
+use swarmbench_boards::run::is_human;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, End, Opening, RawRecord, Record, Seats};
@@ -470,12 +471,13 @@ async fn statements(database: &mut Connection, checked: &mut Checked) {
 
 /// Checks definitions of runs, competitions and entrants, and the hashes derived from them.
 async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut Checked) {
-    let runs = "SELECT key, id, definition, digest, model, suite FROM runs";
+    let runs = "SELECT key, id, definition, digest, model, suite, visibility FROM runs";
     each(database, checked, runs, |row| {
         #[derive(Deserialize)]
         struct CheckedRun {
             suite: Box<RawValue>,
             model: String,
+            visibility: String,
         }
         #[derive(Deserialize)]
         struct Suite {
@@ -486,11 +488,12 @@ async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut
         let digest = data_encoding::HEXLOWER.encode(&Sha256::digest(run.suite.get())[..6]);
         let is_same = digest == row.text("digest")?
             && run.model == row.text("model")?
+            && run.visibility == row.text("visibility")?
             && suite.name == row.text("suite")?;
         Ok(if is_same {
             Ok(())
         } else {
-            Err("its suite or model differs from its definition".to_owned())
+            Err("its suite, model or visibility differs from its definition".to_owned())
         })
     })
     .await;
@@ -671,6 +674,7 @@ async fn episode(
     key: EpisodeKey,
 ) -> Result<Result<u32, String>, sqlx::Error> {
     let text = concat!("SELECT ", opening!(), ", seating, ending, head, id, task, model, visibility, status, reason, clocked, open_seats, created_at,
+                        score, rounds, seed, curve, people,
                         coalesce(fork_round, 0) AS first_round,
                         (SELECT id FROM runs WHERE runs.key = e.run) AS run,
                         (SELECT id FROM episodes parent WHERE parent.key = e.fork_of) AS fork_of
@@ -703,6 +707,9 @@ async fn episode(
         Err(problem) => return Ok(Err(problem)),
     };
     if let Err(problem) = columns(&row, &report.opening, report.end.as_ref())? {
+        return Ok(Err(problem));
+    }
+    if let Err(problem) = listed(database, key, &row, &report).await? {
         return Ok(Err(problem));
     }
     if let Err(problem) = seats(database, key, &report, stored.seating.as_ref()).await? {
@@ -813,6 +820,45 @@ fn columns(
         return Ok(Err("it was created at another time than its journal says".to_owned()));
     }
     Ok(Ok(()))
+}
+
+/// Compares what lists show and sort by with the journal. Scores of earlier versions were read from texts by the database, which may
+/// round the last digit in another way.
+async fn listed(
+    database: &mut Connection,
+    key: EpisodeKey,
+    row: &SqlRow,
+    report: &JournalReport,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let number = |column| row.try_get::<Option<f64>>(column);
+    let (score, rounds, seed) = (number("score")?, number("rounds")?, number("seed")?);
+    let curve: Option<Vec<f64>> = match row.try_get::<Option<String>>("curve")? {
+        None => None,
+        Some(text) => Some(parsed(&text)?),
+    };
+    let metas = query("SELECT agent_meta FROM claims WHERE episode = $1").bind(key.0);
+    let metas = metas.fetch_all(&mut *database).await?;
+    let mut has_people = is_human(&report.opening.agent_meta);
+    for meta in metas {
+        has_people |= is_human(&parsed(&meta.try_get::<String>("agent_meta")?)?);
+    }
+    if row.try_get::<bool>("people")? != has_people {
+        return Ok(Err("whether people take part in it is not as its records say".to_owned()));
+    }
+    let is_same = if report.end.is_none() {
+        [score, rounds, seed] == [None; 3] && curve.is_none()
+    } else {
+        let shown = if report.rounds > 0 { report.score } else { 0.0 };
+        let points = super::episodes::curve(database, key, report.rounds).await?;
+        let is_near = |a: f64, b: f64| (a - b).abs() <= 1e-12 * b.abs();
+        score.is_some_and(|score| is_near(score, shown))
+            && rounds == Some(f64::from(report.rounds))
+            && seed.is_some_and(|seed| seed.to_string() == report.opening.config.seed.to_string())
+            && curve.is_some_and(|curve| {
+                curve.len() == points.len() && curve.iter().zip(points).all(|(a, b)| is_near(*a, b))
+            })
+    };
+    Ok(if is_same { Ok(()) } else { Err("what lists show of it is not in its journal".to_owned()) })
 }
 
 /// Compares the table of seats with the seating record, which is written once all seats have holders.

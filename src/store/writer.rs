@@ -502,6 +502,7 @@ pub(super) async fn write(
 ) -> Result<(), sqlx::Error> {
     let mut acts = Vec::new();
     let mut rounds = Vec::new();
+    let mut ended = Vec::new();
     for entry in entries {
         match entry {
             Entry::CheckToken(hash) => {
@@ -514,7 +515,7 @@ pub(super) async fn write(
             Entry::Start { episode, at } => start(connection, *episode, *at).await?,
             Entry::Act(row) => acts.push(row),
             Entry::Round(row) => rounds.push(row),
-            Entry::End(row) => end(connection, row).await?,
+            Entry::End(row) => ended.push(end(connection, row).await?),
             Entry::Claim(row) => {
                 super::seats::claim(connection, row).await?;
                 insert_tokens(connection, row.episode, &row.tokens).await?;
@@ -592,10 +593,12 @@ pub(super) async fn write(
         }
     }
     if connection.is_postgres() {
-        postgres::rows::insert(connection, &acts, &rounds).await
+        postgres::rows::insert(connection, &acts, &rounds).await?;
     } else {
-        sqlite::rows::insert(connection, &acts, &rounds).await
+        sqlite::rows::insert(connection, &acts, &rounds).await?;
     }
+    // The last rounds are among those of this commit.
+    super::episodes::add_curves(connection, &ended).await
 }
 
 async fn open(connection: &mut Connection, row: &OpeningRow) -> Result<(), sqlx::Error> {
@@ -607,8 +610,8 @@ async fn open(connection: &mut Connection, row: &OpeningRow) -> Result<(), sqlx:
     query(
         "INSERT INTO episodes (key, id, owner, run, slot, opening, task, model, visibility, status,
                                clocked, head, created_at, idempotency_key, idempotency_body,
-                               fork_of, fork_round, template, template_at, open_seats, own_games)
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21)",
+                               fork_of, fork_round, template, template_at, open_seats, own_games, people)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, $22)",
     )
     .bind(row.episode.0)
     .bind(row.id.as_str())
@@ -631,6 +634,7 @@ async fn open(connection: &mut Connection, row: &OpeningRow) -> Result<(), sqlx:
     .bind(template.map(|(_, at)| at))
     .bind(row.has_open_seats)
     .bind(row.own_games.then_some(true))
+    .bind(row.has_people)
     .execute(&mut *connection)
     .await?;
     if row.fork.is_some() {
@@ -652,10 +656,12 @@ async fn start(
     Ok(())
 }
 
-async fn end(connection: &mut Connection, row: &EndRow) -> Result<(), sqlx::Error> {
+/// Ends an episode; returns it with its rounds.
+async fn end(connection: &mut Connection, row: &EndRow) -> Result<(EpisodeKey, u32), sqlx::Error> {
     query(
         "UPDATE episodes
-         SET status = $1, reason = $2, ending = $3, head = $4, bytes = $5, ended_at = $6 WHERE key = $7",
+         SET status = $1, reason = $2, ending = $3, head = $4, bytes = $5, ended_at = $6, score = $7, rounds = $8, seed = $9
+         WHERE key = $10",
     )
     .bind(row.status)
     .bind(row.reason)
@@ -663,6 +669,10 @@ async fn end(connection: &mut Connection, row: &EndRow) -> Result<(), sqlx::Erro
     .bind(&row.head.0[..])
     .bind(i64::try_from(row.bytes).unwrap_or(i64::MAX))
     .bind(row.at.as_millisecond())
+    // A layout may have a score, but none is shown before the first round.
+    .bind(if row.rounds > 0 { row.score } else { 0.0 })
+    .bind(row.rounds)
+    .bind(i64::from(row.seed))
     .bind(row.episode.0)
     .execute(&mut *connection)
     .await?;
@@ -673,7 +683,7 @@ async fn end(connection: &mut Connection, row: &EndRow) -> Result<(), sqlx::Erro
         super::results::add(connection, row.episode, row.seed, row.score, row.rounds, row.tally)
             .await?;
     }
-    Ok(())
+    Ok((row.episode, row.rounds))
 }
 
 async fn void(

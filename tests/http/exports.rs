@@ -376,6 +376,8 @@ fn check_row(row: &Map<String, Value>, summary: &Value) {
                 check_row(row, value);
                 continue;
             }
+            // They follow from `agent_meta` and `open_seats`.
+            "people" | "mixed" => continue,
             "id" => "episode",
             "round" => "rounds",
             "result" => "reason",

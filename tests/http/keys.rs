@@ -28,6 +28,11 @@ async fn a_key_is_made_shown_once_listed_and_revoked() {
     assert_eq!(names, ["the organizer", "team blue"]);
     assert!(!listed.to_string().contains("secret_"), "{listed}");
 
+    let own = app.get("/api/v1/keys/self").token(&secret).ok().await;
+    assert_eq!((&own, &own["name"]), (&listed["items"][1], &json!("team blue")));
+    app.get("/api/v1/keys/self").problem(401, "unauthorized").await;
+    app.get("/api/v1/keys/self").token(&episode.swarm).problem(403, "forbidden").await;
+
     let path = format!("/api/v1/keys/{}", made["id"].as_str().expect("an id"));
     let revoked = app.delete(&path).token(&app.organizer).ok().await;
     assert_eq!(revoked["state"], "revoked");

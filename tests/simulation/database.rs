@@ -269,6 +269,8 @@ impl Tables {
             last_act_at: self.acts(key).filter(by_player).map(|act| act.at).max().or(started_at),
             ended_at: end.map(|end| end.at),
             void_reason: None,
+            has_people: row.has_people,
+            curve: None,
             act_bytes: None,
         }
     }

@@ -11,7 +11,7 @@ use swarmbench::keys::OwnerKey;
 use swarmbench::store::StoreError;
 use swarmbench::store::audit::{ShownAction, StoredAuditEntry};
 use swarmbench::store::competitions::{Declared, RawCompetition};
-use swarmbench::store::episodes::{Filter, Readable};
+use swarmbench::store::episodes::{Filter, Order, Readable, SortKey};
 use swarmbench::store::imports::ImportFilter;
 use swarmbench::store::metrics::{BoardMetric, stored_method};
 use swarmbench::store::port::EpisodeStore;
@@ -202,6 +202,7 @@ impl Questions<'_> {
             run: self.rarely(Self::run),
             fork_of: self.rarely(|asked| asked.id().to_string()),
             forks: self.rarely(|asked| asked.one_in(2)),
+            people: self.one_in(8),
             readable,
         }
     }
@@ -217,10 +218,18 @@ impl Questions<'_> {
             };
             self.ask(&what, async |side| side.store.list_episodes(&own(side), before, limit).await)
                 .await;
-            self.ask(&what, async |side| {
-                side.store.list_episodes_without_templates(&own(side), before, limit).await
-            })
-            .await;
+            let by = [None, Some(SortKey::SCORE), Some(SortKey::ROUNDS), Some(SortKey::SEED)];
+            for (by, is_ascending) in by.into_iter().flat_map(|by| [(by, false), (by, true)]) {
+                let order = Order { by, is_ascending };
+                self.ask(&format!("{what} {order:?}"), async |side| {
+                    let filter = own(side);
+                    side.store
+                        .list_episodes_without_templates(&filter, order, true, before, limit)
+                        .await
+                })
+                .await;
+            }
+            self.ask("models", async |side| side.store.public_models("", limit).await).await;
         }
         self.ask("unfinished_episodes", async |side| side.store.unfinished_episodes().await).await;
         self.ask("unfinished", async |side| EpisodeStore::unfinished(&side.store).await).await;

@@ -496,6 +496,7 @@ impl History {
             visibility: spec.visibility.name(),
             waiting: spec.begins_waiting(),
             has_open_seats,
+            has_people: self.dice.one_in(6),
             own_games: spec.own_games,
             clocked: spec.round_deadline.is_some(),
             at,

@@ -38,6 +38,7 @@ fn opening(key: i64, model: &str) -> Entry {
         visibility: "public",
         waiting: false,
         has_open_seats: false,
+        has_people: false,
         own_games: false,
         clocked: false,
         at: at(0),

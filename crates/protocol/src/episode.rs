@@ -250,6 +250,16 @@ pub struct EpisodeSummary {
     /// Point at which the episode continues another one; null if it is no fork.
     #[serde(default)]
     pub fork: Option<Fork>,
+    /// True if a person takes part, as declared by `agent_meta.kind`; false in an open episode with several holders.
+    #[serde(default)]
+    pub people: bool,
+    /// True if seats are, or were, open to several holders.
+    #[serde(default)]
+    pub mixed: bool,
+    /// Scores in equal steps of rounds, the first before round 0 and the last at the end: at most 32. Only in lists that ask for
+    /// them, and only of ended episodes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub curve: Option<Vec<f64>>,
     /// All settings of the episode.
     pub config: EpisodeConfig,
 }
@@ -267,6 +277,11 @@ pub struct VoidRequest {
 page! {
     /// Page of episodes, newest first.
     EpisodeList of EpisodeSummary
+}
+
+page! {
+    /// Page of the names of models, in order.
+    ModelList of String
 }
 
 /// Whole world after some round.

@@ -29,6 +29,7 @@ use crate::store::entries::{
 use crate::store::{Stopped, StoreError};
 use crate::telemetry::detached_by;
 use crate::work::{Cancelled, WorkError};
+use swarmbench_boards::run::is_human;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
@@ -264,6 +265,7 @@ impl Registry {
             visibility: spec.visibility.name(),
             waiting,
             has_open_seats: !spec.open_seats.is_empty(),
+            has_people: is_human(&spec.agent_meta),
             own_games: spec.own_games,
             clocked: spec.advances_by_itself(),
             at: now,

@@ -55,7 +55,7 @@ async fn page(
         let entrants = competitions::entrants_among(&app.store, competition.key, &entries).await?;
         let field = Field::read(&app.store, competition, &entrants, found).await?;
         let runs = field.attempts.iter().map(|(attempt, _)| attempt.run.0);
-        Ok(runs.zip(field.summaries(owner.is_none())?).collect())
+        Ok(runs.zip(field.summaries(owner.is_none())?).collect::<Vec<_>>())
     };
     params.page(app)?.fill(ROWS_MAX, read, Ok).await
 }

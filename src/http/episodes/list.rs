@@ -7,7 +7,8 @@ use super::super::page::{ROWS_MAX, list_params};
 use super::super::prelude::*;
 use crate::episode::Status;
 use crate::ids::EpisodeKey;
-use crate::store::episodes::Filter;
+use crate::store::episodes::{Filter, Order, SortKey};
+use crate::store::port::StoredEpisode;
 use swarmbench_protocol::any_case;
 use swarmbench_protocol::episode::EpisodeList;
 
@@ -24,12 +25,32 @@ list_params! {
         run,
         /// Id of an episode: only its forks are listed.
         fork_of,
+        /// `true`: only episodes in which people take part and that anyone may read.
+        people,
+        /// Order: `newest` (by default), `oldest`, `score` (highest first), `rounds` (most first) or `seed` (lowest first); `-score`,
+        /// `-rounds` and `-seed` turn these around, and list only ended episodes that anyone may read.
+        sort,
+        /// `true`: ended episodes have their `curve`; a sealed one once its competition is revealed.
+        curves,
     }
 }
 
-/// List episodes, newest first.
+/// Names of the orders, the first character of their cursors, and the orders.
+const ORDERS: [(&str, char, Option<SortKey>, bool); 8] = [
+    ("newest", 'c', None, false),
+    ("oldest", 'o', None, true),
+    ("score", 's', Some(SortKey::SCORE), false),
+    ("-score", 'S', Some(SortKey::SCORE), true),
+    ("rounds", 'r', Some(SortKey::ROUNDS), false),
+    ("-rounds", 'R', Some(SortKey::ROUNDS), true),
+    ("seed", 'd', Some(SortKey::SEED), true),
+    ("-seed", 'D', Some(SortKey::SEED), false),
+];
+
+/// List episodes, newest first by default.
 ///
-/// Episodes that the caller may not read before their end are listed after it.
+/// Episodes that the caller may not read before their end are listed after it. A page of a sorted list may be short, even empty,
+/// although `next_cursor` names another one: the server looks at a limited number of episodes for each.
 #[utoipa::path(
     get,
     path = "/api/v1/episodes",
@@ -41,11 +62,19 @@ list_params! {
 pub(in super::super) async fn list_episodes(
     State(app): State<App>,
     caller: Caller,
-    Params(params): Params<ListParams>,
+    Params(mut params): Params<ListParams>,
 ) -> Result<Response, ApiError> {
     one_of("status", params.status.as_deref(), &Status::ALL.map(Status::name))?;
     one_of("task", params.task.as_deref(), &TaskName::ALL.map(TaskName::name))?;
-    let page = params.page(&app)?;
+    for (name, value) in [("people", &params.people), ("curves", &params.curves)] {
+        one_of(name, value.as_deref(), &["true", "false"])?;
+    }
+    one_of("sort", params.sort.as_deref(), &ORDERS.map(|(name, ..)| name))?;
+    let sort = params.sort.as_deref();
+    let known = ORDERS.iter().find(|(name, ..)| Some(*name) == sort).unwrap_or(&ORDERS[0]);
+    let (_, mark, by, is_ascending) = *known;
+    let cursor = params.cursor.take();
+    let page = params.page(&app)?.ordered(mark, cursor.as_deref())?;
     let run = match params.run {
         None => None,
         Some(id) => match app.store.find_run(&id).await? {
@@ -59,11 +88,16 @@ pub(in super::super) async fn list_episodes(
         model: params.model,
         run,
         fork_of: params.fork_of,
+        people: params.people.as_deref() == Some("true"),
         readable: caller.readable(&app),
         ..Filter::default()
     };
-    let read = |before: Option<i64>, rows| {
-        app.store.list_episodes_without_templates(&filter, before.map(EpisodeKey), rows)
+    let order = Order { by, is_ascending };
+    let has_curves = params.curves.as_deref() == Some("true");
+    let read = |after: Option<i64>, rows| {
+        let after = after.map(EpisodeKey);
+        app.store.list_episodes_without_templates(&filter, order, has_curves, after, rows)
     };
-    page.fill(ROWS_MAX, read, |stored| Ok((stored.episode.0, app.listed(&caller, &stored)?))).await
+    let show = |stored: StoredEpisode| Ok((stored.episode.0, app.listed(&caller, &stored)?));
+    page.fill(ROWS_MAX, read, show).await
 }

@@ -10,6 +10,7 @@ pub(super) mod fork;
 pub(super) mod journal;
 pub(super) mod list;
 pub(super) mod metrics;
+pub(super) mod models;
 pub(super) mod replay;
 pub(super) mod scores;
 pub(super) mod show;
@@ -214,6 +215,10 @@ impl App {
             result,
             void_reason: stored.void_reason.clone(),
             fork: spec.fork.as_ref().map(|fork| shown_fork(fork, permit)),
+            people: stored.has_people && (status.is_over() || !spec.is_mixed()),
+            mixed: spec.is_mixed(),
+            // A sealed game is read from its own routes, which note who reads it.
+            curve: stored.curve.clone().filter(|_| may_read && permit.is_granted()),
             config: config(spec, permit),
         })
     }

@@ -2,4 +2,5 @@
 
 pub(super) mod create;
 pub(super) mod list;
+pub(super) mod own;
 pub(super) mod revoke;

@@ -1,5 +1,6 @@
 //! `GET /assets/{version}/…`: files that pages load. They are part of the binary, or read from a folder during development.
 
+use std::io::Read as _;
 use std::path::{Component, Path, PathBuf};
 
 use axum::extract::{self, State};
@@ -61,11 +62,23 @@ pub(super) async fn asset(
         }
         Source::Folder(folder) => {
             let folder = folder.clone();
-            let read = move || std::fs::read(within(&folder, &name)?).ok();
+            let read = move || read(&within(&folder, &name)?);
             let content = spawn_blocking(read).await.ok().flatten().ok_or_else(unknown)?;
             Ok((media_type, [(CACHE_CONTROL, "no-store")], content).into_response())
         }
     }
+}
+
+/// Maximum bytes of a file of a folder.
+const FILE_BYTES_MAX: u64 = 4 * 1024 * 1024;
+
+/// Content of a file, unless it is longer than that of any page.
+fn read(path: &Path) -> Option<Vec<u8>> {
+    let mut content = Vec::new();
+    let file = std::fs::File::open(path).ok()?.take(FILE_BYTES_MAX + 1);
+    let is_short =
+        std::io::BufReader::new(file).read_to_end(&mut content).ok()? as u64 <= FILE_BYTES_MAX;
+    is_short.then_some(content)
 }
 
 /// Path of a file in a folder; none for a name or a link that leads out of it. The folder itself may be a link, and links within it

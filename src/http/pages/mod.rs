@@ -37,6 +37,7 @@ pub(super) fn routes() -> Router<App> {
         .route("/compare", page(|| Shell::new("Compare two games")))
         .route("/play", page(|| Shell::new("Play")))
         .route("/desk", page(|| Shell::new("Organizer's desk")))
+        .route("/tasks/{task}", get(task))
         .route("/board/{suite}", get(board))
         .route("/board/{suite}/{row}", get(player))
         .route("/runs/{id}", get(run))
@@ -45,6 +46,10 @@ pub(super) fn routes() -> Router<App> {
         .route("/play/{id}", get(play))
         .route("/episodes/{id}", get(episode))
         .route("/embed/episodes/{id}", get(embedded_episode))
+}
+
+async fn task(State(app): State<App>, Path(task): Path<String>) -> Response {
+    Shell::new(&task).link("/api/v1/episodes", &[("task", &task)]).response(&app)
 }
 
 async fn board(State(app): State<App>, Path(suite): Path<String>) -> Response {

@@ -13,10 +13,11 @@ use crate::pages::escape;
 
 const DOCUMENT: &str = include_str!("../../../static/page.html");
 
-/// Policy: scripts, styles and requests from this server only, nothing inline, and no conversion of text to markup.
+/// Policy: scripts, styles and requests from this server only, nothing inline, and no conversion of text to markup. The one
+/// policy of trusted types names the script of the shared worker (`static/assets/parts/events.js`).
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
     connect-src 'self'; font-src 'self'; base-uri 'none'; form-action 'none'; \
-    require-trusted-types-for 'script'; trusted-types 'none'; frame-ancestors ";
+    require-trusted-types-for 'script'; trusted-types streams; frame-ancestors ";
 
 const OPENER_POLICY: HeaderName = HeaderName::from_static("cross-origin-opener-policy");
 

@@ -53,7 +53,7 @@ pub(in super::super) async fn list_runs(
             let games = games.remove(&run.run).unwrap_or_default();
             (run, games)
         };
-        Ok(stored.into_iter().map(games_of).collect())
+        Ok(stored.into_iter().map(games_of).collect::<Vec<_>>())
     };
     // A run may have a thousand games.
     page.fill(LARGE_ROWS_MAX, read, |(stored, games)| {

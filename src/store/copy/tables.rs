@@ -25,7 +25,7 @@ tables! {
         idempotency_key: Text, idempotency_body: Bytes, owner: Int, bytes: Int, reason: Text,
         run: Int, slot: Int, seating: Text, voided_at: Int, void_reason: Text, revealed: Bool,
         fork_of: Int, fork_round: Int, template: Int, template_at: Int, open_seats: Bool,
-        own_games: Bool,
+        own_games: Bool, score: Real, rounds: Real, seed: Real, curve: Text, people: Bool,
     }
     acts by 3 given {
         episode: Int, round: Int, agent: Int, waiting_for: Int, at: Int, record: Text, source: Int,

@@ -344,6 +344,8 @@ pub struct OpeningRow {
     pub waiting: bool,
     /// Whether seats can be claimed.
     pub has_open_seats: bool,
+    /// Whether the creator declares that a person plays.
+    pub has_people: bool,
     /// Whether the owner reads the ended episode while it is sealed.
     pub own_games: bool,
     /// Whether rounds have a deadline; such episodes are recovered first.

@@ -53,6 +53,10 @@ pub struct StoredEpisode {
     pub rounds: u32,
     /// Score after `rounds` rounds.
     pub score: f64,
+    /// Whether somebody declared that a person plays.
+    pub has_people: bool,
+    /// Scores in equal steps of rounds; only in lists, and only of an ended episode.
+    pub curve: Option<Vec<f64>>,
     pub created_at: Timestamp,
     /// Time of the newest record; in summaries, time of creation.
     pub newest_at: Timestamp,

@@ -8,7 +8,7 @@ use crate::keys::OwnerKey;
 use crate::store::Store;
 use crate::store::StoreError;
 use crate::store::port::{StoredEpisode, Unfinished};
-use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, SqlRow, get, query};
+use crate::store::sql::{Builder, Connection, FromRow, LISTED_AT_ONCE, SqlRow, get, query};
 use crate::store::templates::{listed_opening, opening};
 use swarmbench_journal::record::{End, RawRecord, RecordedConfig, end_record};
 
@@ -29,6 +29,8 @@ pub struct Filter {
     pub fork_of: Option<String>,
     /// Whether the episodes are forks.
     pub forks: Option<bool>,
+    /// Whether only episodes in which people take part are listed; those of an open episode with several holders are secret.
+    pub people: bool,
     /// Episodes that the caller may read.
     pub readable: Readable,
 }
@@ -72,10 +74,13 @@ impl Filter {
     fn push<'q>(
         &'q self,
         query: &mut Builder<'q>,
+        order: Order,
         before: Option<EpisodeKey>,
         leads: Option<&str>,
     ) {
-        query.push("e.key < ").push_bind(before.map_or(i64::MAX, |key| key.0));
+        let (sign, _) = order.signs();
+        let start = if order.is_ascending { -1 } else { i64::MAX };
+        query.push("e.key").push(sign).push_bind(before.map_or(start, |key| key.0));
         for (column, value) in
             [("status", &self.status), ("task", &self.task), ("model", &self.model)]
         {
@@ -94,6 +99,11 @@ impl Filter {
         }
         if let Some(mixed) = self.mixed {
             query.push(" AND ").push(IS_MIXED).push(" = ").push_bind(mixed);
+        }
+        if self.people {
+            query.push(
+                " AND e.people AND (e.ended_at IS NOT NULL OR NOT coalesce(e.open_seats, FALSE))",
+            );
         }
         if let Some(run) = self.run {
             query.push(" AND e.run = ").push_bind(run.0);
@@ -141,12 +151,115 @@ impl Filter {
         }
     }
 
+    /// Whether an index finds the episodes, which are few: of a run, forks of an episode, or what a token may read.
+    const fn is_of_few(&self) -> bool {
+        self.run.is_some()
+            || self.fork_of.is_some()
+            || matches!(
+                self.readable,
+                Readable::OnlyOfRun(_) | Readable::Only(_) | Readable::Nothing
+            )
+    }
+
+    /// Adds the source of a sorted list, its condition, and the place after which it begins.
+    fn push_sorted<'q>(
+        &'q self,
+        query: &mut Builder<'q>,
+        by: SortKey,
+        sign: &str,
+        after: Option<SortedPlace>,
+    ) {
+        let SortKey(_, condition, index) = by;
+        if self.is_of_few() {
+            query.push(" WHERE e.key IN (SELECT e.key FROM episodes e WHERE ");
+            self.push(query, Order::default(), None, None);
+            self.push_readable(query);
+            Order::default().push_end(query, SCANNED_MAX);
+            query.push(") AND ");
+        } else {
+            query.push(index).push(" WHERE ");
+        }
+        query.push(PUBLIC).push(" AND ").push(condition);
+        if let Some(after) = after {
+            by.push_comparison(query, sign, after);
+        }
+    }
+
     /// Filter of an export for forks: by default forks are left out, as games with the same beginning are not independent. All
     /// episodes if forks are requested, or one episode is named.
     pub fn of_forks(wanted: bool, is_named: bool) -> Option<bool> {
         if wanted || is_named { None } else { Some(false) }
     }
 }
+
+/// Order of a list of episodes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Order {
+    /// Value of ended episodes; `None` for the order of creation.
+    pub by: Option<SortKey>,
+    /// Whether the list begins with the lowest value, or the oldest episode.
+    pub is_ascending: bool,
+}
+
+/// Value by which public episodes are sorted, before their time of creation; the condition of those that have it; and the hint of
+/// their index, which has the columns of all filters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SortKey(Option<&'static str>, &'static str, &'static str);
+
+impl SortKey {
+    pub const SCORE: Self =
+        Self(Some("e.score"), "e.score IS NOT NULL", " INDEXED BY episodes_public_by_score");
+    pub const ROUNDS: Self =
+        Self(Some("e.rounds"), "e.rounds IS NOT NULL", " INDEXED BY episodes_public_by_rounds");
+    pub const SEED: Self =
+        Self(Some("e.seed"), "e.seed IS NOT NULL", " INDEXED BY episodes_public_by_seed");
+    /// No value, of those in which people take part.
+    const PEOPLE: Self = Self(None, "e.people", " INDEXED BY episodes_public_people");
+
+    /// Selects places.
+    fn places(self) -> Builder<'static> {
+        let value = self.0.unwrap_or("CAST(NULL AS DOUBLE PRECISION)");
+        Builder::new(format!("SELECT {value}, e.created_at, e.key FROM episodes e"))
+    }
+
+    /// Adds a comparison with a place, by values: SQLite finds the place among equal values in the index only by these.
+    fn push_comparison(self, query: &mut Builder<'_>, sign: &str, (value, at, key): SortedPlace) {
+        query.push(" AND (");
+        if let Some(column) = self.0 {
+            query.push(column).push(", ");
+        }
+        query.push("e.created_at, e.key)").push(sign).push("(");
+        if let Some(value) = value {
+            query.push_bind(value).push(", ");
+        }
+        query.push_bind(at).push(", ").push_bind(key).push(")");
+    }
+}
+
+/// Place in a sorted list: a value if the list has one, a time of creation, and a key.
+type SortedPlace = (Option<f64>, i64, i64);
+
+impl Order {
+    const fn signs(self) -> (&'static str, &'static str) {
+        if self.is_ascending { (" > ", " ASC") } else { (" < ", " DESC") }
+    }
+
+    /// Adds `ORDER BY` and `LIMIT`.
+    fn push_end(self, query: &mut Builder<'_>, limit: u32) {
+        let (_, direction) = self.signs();
+        query.push(" ORDER BY ");
+        if let Some(SortKey(value, ..)) = self.by {
+            for column in value.into_iter().chain(["e.created_at"]) {
+                query.push(column).push(direction).push(", ");
+            }
+        }
+        query.push("e.key").push(direction).push(" LIMIT ").push_bind(limit);
+    }
+}
+
+/// Entries of an index that are read for one piece of a sorted list: it costs as much whatever its filters are, and however many
+/// episodes there are. Of a run or an episode with forks, as many are sorted.
+const SCANNED_MAX: u32 = 16_384;
 
 /// Episodes that a caller may read.
 #[derive(Clone, Debug, Default)]
@@ -245,6 +358,8 @@ impl<'q> Part<'q> {
 enum Detail {
     /// Columns of lists: without the text of a built-in prompt template.
     Listed,
+    /// Columns of lists, and the curve.
+    ListedWithCurve,
     /// All columns except the end record and the time of the last act.
     Summary,
     /// All columns. The time of the last act costs a scan of the acts.
@@ -261,31 +376,39 @@ const END: &str = "
 /// each of which is on a page of its own.
 const SHORT_END: &str = "CASE WHEN octet_length(e.ending) <= 1024 THEN e.ending END";
 
+/// Curve unless it is longer than any that this program writes.
+const SHORT_CURVE: &str = "CASE WHEN octet_length(e.curve) <= 1024 THEN e.curve END AS curve";
+
+const NO_CURVE: &str = "CAST(NULL AS TEXT) AS curve";
+
 /// Query of episodes; the caller adds a condition.
 fn select(detail: Detail) -> Builder<'static> {
     let mut query = Builder::new(
         "SELECT e.key AS episode, e.id, e.owner, e.run, e.revealed,
                 CASE WHEN e.own_games THEN (SELECT o.closes_at FROM runs o WHERE o.key = e.run) END AS own_from, ",
     );
-    query.push(if detail == Detail::Listed { listed_opening!() } else { opening!() });
+    let is_listed = matches!(detail, Detail::Listed | Detail::ListedWithCurve);
+    query.push(if is_listed { listed_opening!() } else { opening!() });
     query.push(
-        ", coalesce(e.fork_round, 0) AS first_round, e.seating, e.status, e.reason, e.created_at, e.ended_at, e.bytes,
+        ", e.people, coalesce(e.fork_round, 0) AS first_round, e.seating, e.status, e.reason, e.created_at, e.ended_at, e.bytes,
                 CASE WHEN e.voided_at IS NULL THEN NULL ELSE coalesce(e.void_reason, '') END AS void_reason,
                 CASE WHEN e.ended_at IS NULL AND r.round >= coalesce(e.fork_round, 0) THEN r.head ELSE e.head END AS head,
                 coalesce(r.round + 1, 0) AS rounds, coalesce(r.score, 0.0) AS score, ",
     );
     match detail {
-        Detail::Listed | Detail::Summary => query
+        Detail::Listed | Detail::ListedWithCurve | Detail::Summary => query
             .push("CAST(NULL AS TEXT) AS \"end\", FALSE AS has_large_end, CAST(NULL AS BIGINT) AS last_act_at, ")
             .push(NO_TIMES)
             .push(SHORT_END)
-            .push(" AS short_end"),
+            .push(" AS short_end, ")
+            .push(if detail == Detail::ListedWithCurve { SHORT_CURVE } else { NO_CURVE }),
         Detail::All => query
             .push(END)
             .push(LAST_ACT_AT)
             .push(" AS last_act_at, ")
             .push(TIMES)
-            .push("CAST(NULL AS TEXT) AS short_end"),
+            .push("CAST(NULL AS TEXT) AS short_end, ")
+            .push(NO_CURVE),
     };
     query.push(
         " FROM episodes e
@@ -397,30 +520,95 @@ impl Store {
         before: Option<EpisodeKey>,
         limit: u32,
     ) -> Result<Vec<StoredEpisode>, StoreError> {
-        self.list(Detail::Summary, filter, before, limit).await
+        self.list(Detail::Summary, filter, Order::default(), before, limit).await
     }
 
-    /// [`Store::list_episodes`] without the text of a built-in prompt template in the openings.
+    /// Lists episodes in an order, without the text of a built-in prompt template in the openings, with or without their curves. Sorted
+    /// by a value, the list has only ended public episodes, and of people only public ones; where filters leave it short, the second
+    /// result is the last episode that was looked at.
     pub async fn list_episodes_without_templates(
         &self,
         filter: &Filter,
-        before: Option<EpisodeKey>,
+        order: Order,
+        has_curves: bool,
+        after: Option<EpisodeKey>,
         limit: u32,
-    ) -> Result<Vec<StoredEpisode>, StoreError> {
-        self.list(Detail::Listed, filter, before, limit).await
+    ) -> Result<(Vec<StoredEpisode>, Option<EpisodeKey>), StoreError> {
+        let detail = if has_curves { Detail::ListedWithCurve } else { Detail::Listed };
+        let of_people = (filter.people && !filter.is_of_few()).then_some(SortKey::PEOPLE);
+        let Some(by) = order.by.or(of_people) else {
+            return Ok((self.list(detail, filter, order, after, limit).await?, None));
+        };
+        let order = Order { by: Some(by), ..order };
+        let (sign, _) = order.signs();
+        let after = match after {
+            None => None,
+            Some(after) => {
+                // The place of an episode that the list does not have would tell its seed.
+                let mut query = by.places();
+                query.push(" WHERE e.key = ").push_bind(after.0).push(" AND ").push(PUBLIC);
+                query.push(" AND ").push(by.1);
+                filter.push_readable(&mut query);
+                let place: Option<SortedPlace> = self.fetch_optional(query.build()).await?;
+                let Some(place) = place else { return Ok((Vec::new(), None)) };
+                Some(place)
+            }
+        };
+        let mut last: Option<SortedPlace> = None;
+        if !filter.is_of_few() {
+            let mut query = by.places();
+            filter.push_sorted(&mut query, by, sign, after);
+            order.push_end(&mut query, 1);
+            query.push(" OFFSET ").push_bind(SCANNED_MAX - 1);
+            last = self.fetch_optional(query.build()).await?;
+        }
+        let mut query = select(detail);
+        query.push("e.key IN (SELECT key FROM (SELECT e.key FROM episodes e");
+        filter.push_sorted(&mut query, by, sign, after);
+        if let Some(last) = last {
+            by.push_comparison(&mut query, if order.is_ascending { " <= " } else { " >= " }, last);
+        }
+        query.push(" AND ");
+        filter.push(&mut query, Order::default(), None, None);
+        filter.push_readable(&mut query);
+        order.push_end(&mut query, limit);
+        query.push(") AS part)");
+        order.push_end(&mut query, limit);
+        let found: Vec<StoredEpisode> = self.fetch_all(query.build()).await?;
+        let is_short = found.len() < limit as usize;
+        Ok((found, last.filter(|_| is_short).map(|(.., key)| EpisodeKey(key))))
+    }
+
+    /// Models of public episodes after a name, in order. Each is looked up in the index: other episodes of a model are not read.
+    pub async fn public_models(&self, after: &str, limit: u32) -> Result<Vec<String>, StoreError> {
+        let next = |query: &mut Builder<'_>| {
+            query
+                .push("SELECT (SELECT e.model FROM episodes e INDEXED BY episodes_public_by_model");
+            query.push(" WHERE ").push(PUBLIC).push(" AND e.model > ");
+        };
+        let mut query = Builder::new("WITH RECURSIVE found (model) AS (");
+        next(&mut query);
+        query.push_bind(after).push(" ORDER BY e.model LIMIT 1) UNION ALL ");
+        next(&mut query);
+        query.push(
+            "found.model ORDER BY e.model LIMIT 1) FROM found WHERE found.model IS NOT NULL)",
+        );
+        query.push(" SELECT model FROM found WHERE model IS NOT NULL LIMIT ").push_bind(limit);
+        self.fetch_all(query.build()).await
     }
 
     async fn list(
         &self,
         detail: Detail,
         filter: &Filter,
+        order: Order,
         before: Option<EpisodeKey>,
         limit: u32,
     ) -> Result<Vec<StoredEpisode>, StoreError> {
         let mut query = select(detail);
         match filter.parts() {
             None => {
-                filter.push(&mut query, before, filter.leads());
+                filter.push(&mut query, order, before, filter.leads());
                 filter.push_readable(&mut query);
             }
             Some(parts) => {
@@ -429,17 +617,17 @@ impl Store {
                     let union = if place == 0 { "" } else { " UNION " };
                     query.push(union).push("SELECT key FROM (SELECT e.key FROM episodes e");
                     query.push(part.hint(filter)).push(" WHERE ");
-                    filter.push(&mut query, before, part.leads(filter));
+                    filter.push(&mut query, order, before, part.leads(filter));
                     query.push(" AND ");
                     part.push(&mut query);
-                    query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
+                    order.push_end(&mut query, limit);
                     // PostgreSQL requires a name of the subquery.
                     query.push(") AS part");
                 }
                 query.push(")");
             }
         }
-        query.push(" ORDER BY e.key DESC LIMIT ").push_bind(limit);
+        order.push_end(&mut query, limit);
         self.fetch_all(query.build()).await
     }
 
@@ -574,6 +762,9 @@ impl FromRow for StoredEpisode {
             act_bytes: get(row, "bytes")?,
             rounds,
             score,
+            has_people: get(row, "people")?,
+            curve: get::<Option<String>>(row, "curve")?
+                .and_then(|text| serde_json::from_str(&text).ok()),
             created_at,
             newest_at,
             last_act_at: get(row, "last_act_at")?,
@@ -581,6 +772,53 @@ impl FromRow for StoredEpisode {
             void_reason: get(row, "void_reason")?,
         })
     }
+}
+
+/// Points of the curve of an ended episode: the first is 0, the last is the score.
+const CURVE_POINTS: u32 = 32;
+
+/// Stores the curves of ended episodes with their rounds, which lists show: rows of `rounds` are each on a page of their own.
+pub(in crate::store) async fn add_curves(
+    connection: &mut Connection,
+    ended: &[(EpisodeKey, u32)],
+) -> Result<(), sqlx::Error> {
+    for &(episode, rounds) in ended {
+        add_curve(connection, episode, rounds).await?;
+    }
+    Ok(())
+}
+
+async fn add_curve(
+    connection: &mut Connection,
+    episode: EpisodeKey,
+    rounds: u32,
+) -> Result<(), sqlx::Error> {
+    let scores = curve(connection, episode, rounds).await?;
+    query("UPDATE episodes SET curve = $1 WHERE key = $2")
+        .bind(serde_json::to_string(&scores).expect("numbers"))
+        .bind(episode.0)
+        .execute(connection)
+        .await?;
+    Ok(())
+}
+
+/// Scores of an episode in equal steps of its rounds.
+pub(in crate::store) async fn curve(
+    connection: &mut Connection,
+    episode: EpisodeKey,
+    rounds: u32,
+) -> Result<Vec<f64>, sqlx::Error> {
+    let every = rounds.div_ceil(CURVE_POINTS - 2).max(1);
+    let mut scores = vec![0.0];
+    let mut points = Builder::new("SELECT score FROM rounds WHERE episode = ");
+    points.push_bind(episode.0).push(" AND round IN ");
+    let after = (1..=rounds).filter(|after| after.is_multiple_of(every) || *after == rounds);
+    points.push_list(after.map(|after| after - 1));
+    points.push(" ORDER BY round");
+    for row in points.build().fetch_all(connection).await? {
+        scores.push(row.try_get(0)?);
+    }
+    Ok(scores)
 }
 
 /// End record without the acts of the open round.

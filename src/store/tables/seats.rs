@@ -9,6 +9,7 @@ use crate::store::Store;
 use crate::store::StoreError;
 use crate::store::entries::{ClaimRow, Held, Holder, SeatingRow};
 use crate::store::sql::{Builder, Connection, from_row, query};
+use swarmbench_boards::run::is_human;
 
 /// A seat and its holder.
 #[derive(Clone, Debug)]
@@ -104,6 +105,10 @@ pub(in crate::store) async fn claim(
     .bind(row.idempotency.as_ref().map(|(_, body)| &body[..]))
     .execute(&mut *connection)
     .await?;
+    if is_human(agent_meta) {
+        let people = query("UPDATE episodes SET people = TRUE WHERE key = $1");
+        people.bind(row.episode.0).execute(&mut *connection).await?;
+    }
     for chunk in row.agents.chunks(SEATS_AT_ONCE) {
         let mut insert = Builder::new(
             "INSERT INTO seats (episode, agent, holder, owner, model, player, claimed_at) ",

@@ -187,7 +187,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             _ => Some(403),
         },
         // What may not be read is left out.
-        "list_episodes" | "list_runs" | "download_export" | "list_imports" => None,
+        "list_episodes" | "list_models" | "list_runs" | "download_export" | "list_imports" => None,
         // No game was imported here; who reads one is tested in `exports.rs`.
         "show_import"
         | "show_imported_state"
@@ -248,6 +248,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             () if !kind.owns() => Some(403),
             () => None,
         },
+        "show_own_key" => keys_alone(kind),
         "create_key" | "list_keys" | "revoke_key" | "void_episode" | "list_audit"
         | "list_nodes" | "confirm_clock" => organizers_alone(kind),
         of_competitions => refusal_in_competitions(of_competitions, kind, stage),
@@ -287,17 +288,21 @@ fn refusal_in_competitions(operation: &str, kind: Kind, stage: Stage) -> Option<
             Entrant | Organizer => None,
             _ => Some(403),
         },
-        "list_attempts" => match kind {
-            Kind::None => Some(401),
-            _ if kind.is_key() => None,
-            _ => Some(403),
-        },
+        "list_attempts" => keys_alone(kind),
         "export_competition" => match kind {
             Kind::None if stage.private => Some(401),
             Organizer => None,
             _ => Some(403),
         },
         new => panic!("{new} is a new route: say here who may use it"),
+    }
+}
+
+fn keys_alone(kind: Kind) -> Option<u16> {
+    match kind {
+        Kind::None => Some(401),
+        _ if kind.is_key() => None,
+        _ => Some(403),
     }
 }
 

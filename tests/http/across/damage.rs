@@ -16,7 +16,7 @@ use crate::app::{Episode, TestApp};
 use crate::cup::{Cup, pass_minutes, server};
 
 /// Fields that no hash covers: names and labels, times, who may read, and what is only said.
-const UNCHECKED: [(&str, &str); 70] = [
+const UNCHECKED: [(&str, &str); 72] = [
     ("_sqlx_migrations", "description"),
     ("_sqlx_migrations", "execution_time"),
     ("_sqlx_migrations", "installed_on"),
@@ -53,10 +53,13 @@ const UNCHECKED: [(&str, &str); 70] = [
     ("entries", "vouched"),
     ("episodes", "bytes"),
     ("episodes", "clocked"),
+    // The last digits of scores that lists show are not compared.
+    ("episodes", "curve"),
     ("episodes", "ended_at"),
     ("episodes", "idempotency_body"),
     ("episodes", "own_games"),
     ("episodes", "revealed"),
+    ("episodes", "score"),
     ("episodes", "started_at"),
     ("episodes", "void_reason"),
     ("episodes", "voided_at"),

@@ -161,7 +161,13 @@ async fn ask_all(app: &TestApp, who: &str, token: Option<&str>, ids: &[String]) 
                     ("get", "show_state") => &["", "?round=0", "?round=1"],
                     ("get", "show_replay") => &["", "?from=1", "?ground=false"],
                     ("get", "download_export") => &["", "?status=running", "?status=finished"],
-                    ("get", "list_episodes" | "list_runs") => &["?limit=1000", "?limit=x"],
+                    ("get", "list_episodes") => &[
+                        "?limit=1000",
+                        "?limit=x",
+                        "?sort=seed&limit=1000",
+                        "?people=true&curves=true",
+                    ],
+                    ("get", "list_runs") => &["?limit=1000", "?limit=x"],
                     _ => &[""],
                 };
                 for query in queries {

@@ -36,6 +36,10 @@ async fn a_judge_reads_sealed_games_and_that_is_in_the_audit_log() {
         let answer = get(&format!("/api/v1/episodes/{game}{rest}")).send().await;
         assert_eq!(answer.status, 200, "{rest}: {}", answer.text());
     }
+    let sealed = get("/api/v1/episodes?curves=true").ok().await;
+    for game in list(&sealed["items"]) {
+        assert!(game.get("curve").is_none(), "nobody would be noted as its reader: {game}");
+    }
     let export = get(&format!("/api/v1/exports/competitions/{}", cup.id)).send().await;
     assert_eq!(export.status, 200, "{}", export.text());
 

@@ -15,6 +15,7 @@ async fn an_episode_is_shown_as_it_stands() {
             "id": episode.id, "status": "running", "task": "Synchronization", "model": "unnamed",
             "round": 0, "score": 0.0, "created_at": "2026-03-01T12:00:00.000Z", "ended_at": null,
             "result": null, "config": episode.config, "run": null, "void_reason": null, "fork": null,
+            "people": false, "mixed": false,
         })
     );
     app.pass(std::time::Duration::from_millis(1500));

@@ -102,12 +102,17 @@ class Calls:
         model: str | None = None,
         run: str | None = None,
         fork_of: str | None = None,
+        people: str | None = None,
+        sort: str | None = None,
+        curves: str | None = None,
         limit: int | None = None,
         cursor: str | None = None,
     ) -> Call[wire.EpisodeList]:
-        """List episodes, newest first.
+        """List episodes, newest first by default.
 
-        Episodes that the caller may not read before their end are listed after it.
+        Episodes that the caller may not read before their end are listed after it. A page of a sorted list may be
+        short, even empty, although `next_cursor` names another one: the server looks at a limited number of
+        episodes for each.
 
         Args:
             status: Status: `waiting`, `running`, `finished`, `aborted` or `abandoned`.
@@ -115,6 +120,11 @@ class Calls:
             model: Name of a model.
             run: Id of a run.
             fork_of: Id of an episode: only its forks are listed.
+            people: `true`: only episodes in which people take part.
+            sort: Order: `newest` (by default), `oldest`, `score` (highest first), `rounds` (most first) or `seed`
+                (lowest first); `-score`, `-rounds` and `-seed` turn these around, and list only ended episodes
+                that anyone may read.
+            curves: `true`: ended episodes have their `curve`.
             limit: Maximum number of items, up to 1,000; 50 by default.
             cursor: Cursor: the `next_cursor` of the previous page.
         """
@@ -127,6 +137,9 @@ class Calls:
                 "model": model,
                 "run": run,
                 "fork_of": fork_of,
+                "people": people,
+                "sort": sort,
+                "curves": curves,
                 "limit": limit,
                 "cursor": cursor,
             },

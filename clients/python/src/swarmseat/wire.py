@@ -1398,14 +1398,22 @@ class EpisodeSummary(TypedDict):
     """All settings of the episode."""
     created_at: str
     """Time of creation."""
+    curve: list[float] | None
+    """Scores in equal steps of rounds, the first before round 0 and the last at the end: at most 32. Only in lists
+    that ask for them, and only of ended episodes.
+    """
     ended_at: str | None
     """Time at which the episode ended; null before."""
     fork: Fork | None
     """Point at which the episode continues another one; null if it is no fork."""
     id: str
     """Id of the episode."""
+    mixed: bool
+    """True if seats are, or were, open to several holders."""
     model: str
     """Name of the model that plays."""
+    people: bool
+    """True if a person takes part, as declared by `agent_meta.kind`; false in an open episode with several holders."""
     result: EpisodeResult | None
     """End of the episode; null before."""
     round: int
@@ -1888,6 +1896,10 @@ class MetricMean(TypedDict):
     """Number of games with a value."""
     mean: float
     """Mean over the games in which the metric is defined."""
+
+
+ModelList: TypeAlias = Page[str]
+"""Page of the names of models, in order."""
 
 
 class Node(TypedDict):

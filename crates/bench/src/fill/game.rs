@@ -50,6 +50,7 @@ impl NewGame {
             visibility: spec.visibility.name(),
             waiting: false,
             has_open_seats: false,
+            has_people: false,
             own_games: false,
             clocked: spec.advances_by_itself(),
             at,

@@ -146,6 +146,7 @@ impl Made {
             visibility: spec.visibility.name(),
             waiting: false,
             has_open_seats: false,
+            has_people: false,
             own_games: false,
             clocked: false,
             at: now,
