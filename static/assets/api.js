@@ -33,17 +33,13 @@ export function remembered(name) {
   }
 }
 
-/**
- * @param {string} name
- * @param {string | null} value null to forget
- */
+/** @param {string} name @param {string | null} value null to forget */
 export function remember(name, value) {
   try {
     if (value === null) sessionStorage.removeItem(PREFIX + name);
     else sessionStorage.setItem(PREFIX + name, value);
   } catch {
-    if (value === null) memory.delete(name);
-    else memory.set(name, value);
+    memory.set(name, value);
   }
   for (const listener of listeners) listener(name);
 }
@@ -51,10 +47,7 @@ export function remember(name, value) {
 /** @type {Set<(name: string) => void>} */
 const listeners = new Set();
 
-/**
- * Calls back when a stored value changes. Returns a function that stops this.
- * @param {(name: string) => void} listener
- */
+/** Calls back when a stored value changes. Returns a function that stops this. @param {(name: string) => void} listener */
 export function onRemembered(listener) {
   listeners.add(listener);
   return () => void listeners.delete(listener);
@@ -66,10 +59,7 @@ const isEmbedded = location.pathname.startsWith("/embed/");
 /** The key of this tab, if one was entered. */
 export const key = () => (isEmbedded ? null : remembered("key"));
 
-/**
- * The token for a game: the game's own, or the key.
- * @param {string} [id]
- */
+/** The token for a game: the game's own, or the key. @param {string} [id] */
 export const tokenOf = (id) => (isEmbedded ? null : ((id && remembered(`token:${id}`)) ?? key()));
 
 /**
@@ -82,12 +72,7 @@ export const tokenOf = (id) => (isEmbedded ? null : ((id && remembered(`token:${
  * @property {Record<string, string>} [headers]
  */
 
-/**
- * Sends a request. Throws a Problem unless it succeeds.
- * @param {string} path
- * @param {Options} [options]
- * @returns {Promise<Response>}
- */
+/** Sends a request. Throws a Problem unless it succeeds. @param {string} path @param {Options} [options] @returns {Promise<Response>} */
 export async function send(path, options = {}) {
   const { method = "GET", body, token = key(), signal, idempotencyKey, headers = {} } = options;
   const sent = new Headers(headers);
@@ -112,12 +97,7 @@ export async function send(path, options = {}) {
   throw new Problem(response.status, await response.json().catch(() => ({})));
 }
 
-/**
- * Sends a request and reads its answer as JSON.
- * @param {string} path
- * @param {Options} [options]
- * @returns {Promise<any>}
- */
+/** Sends a request and reads its answer as JSON. @param {string} path @param {Options} [options] @returns {Promise<any>} */
 export async function request(path, options) {
   const response = await send(path, options);
   return response.status === 204 ? null : response.json();
@@ -142,79 +122,35 @@ export function withQuery(path, query) {
   return `${path}?${new URLSearchParams(given.map(([name, value]) => [name, String(value)]))}`;
 }
 
-const FIRST_PAUSE_MS = 500;
-const LONGEST_PAUSE_MS = 15_000;
-
-/** The maximum length of an unfinished event; a longer one ends the stream. */
-const EVENT_CHARS_MAX = 16_000_000;
+const [FIRST_PAUSE_MS, LONGEST_PAUSE_MS] = [500, 8_000];
 
 /**
- * Reads Server-Sent Events until `signal` aborts, or `onEvent` returns true. A lost connection is resumed after the last
- * event. An EventSource could not send a token.
- * @param {string} path
- * @param {object} options
- * @param {(event: {event: string, id: string, data: any}) => boolean | void} options.onEvent
- * @param {(state: "open" | "lost", problem?: Problem) => void} [options.onState]
- * @param {AbortSignal} options.signal
- * @param {string | null} [options.token]
- * @param {string} [options.lastId]
+ * Repeats a request while the server does not answer or is busy; throws what it refuses. Null if it need not go on.
+ * @template T
+ * @param {() => Promise<T>} ask
+ * @param {{signal: AbortSignal, onLost: (isLost: boolean) => void, goesOn?: () => boolean}} options
+ * @returns {Promise<T | null>}
  */
-export async function stream(path, { onEvent, onState, signal, token, lastId = "" }) {
-  let pause = FIRST_PAUSE_MS;
-  while (!signal.aborted) {
+export async function persist(ask, { signal, onLost, goesOn = () => true }) {
+  for (let pause = FIRST_PAUSE_MS; goesOn(); pause = Math.min(pause * 2, LONGEST_PAUSE_MS)) {
+    signal.throwIfAborted();
     try {
-      /** @type {Record<string, string>} */
-      const headers = lastId ? { "Last-Event-ID": lastId } : {};
-      const response = await send(path, { signal, headers, ...(token === undefined ? {} : { token }) });
-      onState?.("open");
-      for await (const event of events(response)) {
-        pause = FIRST_PAUSE_MS;
-        if (event.id) lastId = event.id;
-        if (onEvent(event)) return;
-      }
+      const answer = await ask();
+      onLost(false);
+      return answer;
     } catch (error) {
-      if (signal.aborted) return;
-      const problem = error instanceof Problem ? error : new Problem(0, { detail: "The connection broke off." });
-      // A retry would get the same answer.
+      signal.throwIfAborted();
+      // An answer that broke off is no answer.
+      const problem = error instanceof Problem ? error : new Problem(0, { detail: String(error) });
       if (problem.status >= 400 && problem.status < 500 && problem.status !== 429) throw problem;
-      onState?.("lost", problem);
-    }
-    await sleep(pause, signal);
-    pause = Math.min(pause * 2, LONGEST_PAUSE_MS);
-  }
-}
-
-/** @param {Response} response */
-async function* events(response) {
-  const reader = response.body?.pipeThrough(new TextDecoderStream()).getReader();
-  let text = "";
-  while (reader) {
-    const { value, done } = await reader.read();
-    if (done) return;
-    text += value;
-    for (let end = text.indexOf("\n\n"); end >= 0; end = text.indexOf("\n\n")) {
-      const event = { event: "message", id: "", data: "" };
-      for (const line of text.slice(0, end).split("\n")) {
-        const colon = line.indexOf(":");
-        const [name, field] = [line.slice(0, colon), line.slice(colon + 1).replace(/^ /, "")];
-        if (name === "event" || name === "id") event[name] = field;
-        if (name === "data") event.data += field;
-      }
-      text = text.slice(end + 2);
-      if (event.data) yield { ...event, data: JSON.parse(event.data) };
-    }
-    if (text.length > EVENT_CHARS_MAX) {
-      await reader.cancel();
-      return;
+      onLost(true);
+      await sleep(Math.max(pause, problem.retryAfterMs ?? 0), signal);
     }
   }
+  return null;
 }
 
-/**
- * @param {number} ms
- * @param {AbortSignal} [signal]
- * @returns {Promise<void>}
- */
+/** @param {number} ms @param {AbortSignal} [signal] @returns {Promise<void>} */
 export const sleep = (ms, signal) =>
   new Promise((resolve) => {
     if (signal?.aborted) return resolve();

@@ -1,6 +1,7 @@
 // Chooses the page for an address, and follows links between pages without loading the document again.
-import { html, render, useEffect, useErrorBoundary, useRef, useState } from "./ui.js";
+import { html, render, useEffect, useErrorBoundary, useRef, useState, useWindowEvent } from "./ui.js";
 import { Header } from "./parts/header.js";
+import { findPlace, keepPlace, watchPlace } from "./parts/kept.js";
 import { ProblemNote } from "./parts/problem.js";
 
 /**
@@ -10,6 +11,7 @@ import { ProblemNote } from "./parts/problem.js";
  */
 const ROUTES = [
   { path: "/", page: "front", title: "swarmbench", style: true },
+  { path: "/tasks/:task", page: "task", title: "Task" },
   { path: "/boards", page: "boards", title: "Boards", style: true },
   { path: "/board/:suite", page: "board", title: "Board", style: true },
   { path: "/board/:suite/:row", page: "player", title: "Player", style: true },
@@ -28,60 +30,52 @@ const ROUTES = [
   { path: "/desk", page: "desk", title: "Organizer's desk", style: true },
 ];
 
-/**
- * The route of a path, with the names in it.
- * @param {string} path
- */
+/** Patterns of the addresses, with the names in them. */
+const PATTERNS = ROUTES.map(({ path }) => new RegExp(`^${path.replace(/:(\w+)/g, "(?<$1>[^/]+)").replace(/\/$/, "")}/*$`));
+
+/** The route of a path, with the names in it; null for a path of no page. @param {string} path */
 function find(path) {
-  const parts = path.replace(/\/+$/, "").split("/");
-  for (const route of ROUTES) {
-    const names = route.path.replace(/\/+$/, "").split("/");
-    if (names.length !== parts.length) continue;
-    /** @type {Record<string, string>} */
-    const values = {};
-    const fits = names.every((name, index) => {
-      if (!name.startsWith(":")) return name === parts[index];
-      try {
-        values[name.slice(1)] = decodeURIComponent(parts[index]);
-      } catch {
-        return false;
-      }
-      return values[name.slice(1)] !== "";
-    });
-    if (fits) return { route, values };
+  const index = PATTERNS.findIndex((pattern) => pattern.test(path));
+  if (index < 0) return null;
+  try {
+    const names = Object.entries(PATTERNS[index].exec(path)?.groups ?? {});
+    return { route: ROUTES[index], values: Object.fromEntries(names.map(([name, value]) => [name, decodeURIComponent(value)])) };
+  } catch {
+    return null;
   }
-  return null;
 }
 
-/**
- * Loads the style sheet of a page, once.
- * @param {string} name
- */
-function style(name) {
-  const href = new URL(`./pages/${name}.css`, import.meta.url).href;
+/** The address of a page's style sheet. @param {string} name */
+const styleOf = (name) => new URL(`./pages/${name}.css`, import.meta.url).href;
+
+/** Loads the style sheet of a page, once. It counts while its page is shown. @param {string} name */
+function loadStyle(name) {
+  const href = styleOf(name);
   if (document.querySelector(`link[href="${href}"]`)) return Promise.resolve();
   return new Promise((resolve) => {
-    const link = document.createElement("link");
-    link.rel = "stylesheet";
-    link.href = href;
-    link.onload = link.onerror = () => resolve(undefined);
+    const link = Object.assign(document.createElement("link"), { rel: "stylesheet", media: "not all", href, onload: resolve, onerror: resolve });
     document.head.append(link);
   });
 }
 
+/** Leaves no style sheet of a page on but the one of this page. @param {string} page */
+function useStyleOf(page) {
+  for (const link of document.querySelectorAll("head link[media]")) {
+    if (link instanceof HTMLLinkElement) link.media = link.href === styleOf(page) ? "all" : "not all";
+  }
+}
+
 /** Shows another page: for links, and for what happens after a form. @param {string} address */
 export function visit(address) {
+  keepPlace();
   history.pushState(null, "", address);
   dispatchEvent(new PopStateEvent("popstate"));
 }
 
-/** @param {MouseEvent} event */
 function followed(event) {
-  const link = event.target instanceof Element ? event.target.closest("a[href]") : null;
+  const link = event.target.closest?.("a[href]");
   if (!(link instanceof HTMLAnchorElement) || link.target || link.hasAttribute("download")) return;
-  if (event.defaultPrevented || event.button !== 0 || event.metaKey || event.ctrlKey || event.shiftKey || event.altKey) {
-    return;
-  }
+  if (event.defaultPrevented || event.button !== 0 || event.metaKey || event.ctrlKey || event.shiftKey || event.altKey) return;
   const to = new URL(link.href);
   const isHere = to.pathname === location.pathname && to.search === location.search;
   if (to.origin !== location.origin || !find(to.pathname) || (isHere && to.hash)) return;
@@ -96,34 +90,22 @@ function App() {
   const main = useRef(/** @type {HTMLElement | null} */ (null));
   const isFirst = useRef(true);
 
-  useEffect(() => {
-    const changed = () => setAddress(location.pathname + location.search);
-    addEventListener("popstate", changed);
-    document.addEventListener("click", followed);
-    return () => {
-      removeEventListener("popstate", changed);
-      document.removeEventListener("click", followed);
-    };
-  }, []);
+  useWindowEvent("popstate", () => setAddress(location.pathname + location.search));
+  useWindowEvent("click", followed);
 
   useEffect(() => {
     let isCurrent = true;
     const found = find(location.pathname);
     const page = found?.route.page ?? "missing";
-    const loaded = Promise.all([import(`./pages/${page}.js`), found?.route.style && style(page)]);
     const show = (/** @type {any} */ Page) => {
       if (!isCurrent) return;
       // A default title: the page may set a better one.
       document.title = found?.route.title ?? "No such page";
+      useStyleOf(page);
       setShown({ address, found, Page });
     };
-    loaded.then(
-      ([module]) => show(module.Page),
-      () => show(Outdated),
-    );
-    return () => {
-      isCurrent = false;
-    };
+    Promise.all([import(`./pages/${page}.js`), found?.route.style && loadStyle(page)]).then(([module]) => show(module.Page), () => show(Outdated));
+    return () => void (isCurrent = false);
   }, [address]);
 
   useEffect(() => {
@@ -132,19 +114,13 @@ function App() {
     // Screen readers announce the new page.
     if (!isFirst.current) main.current?.focus();
     isFirst.current = false;
-    scrollTo(0, 0);
+    findPlace();
   }, [shown]);
 
-  const bare = shown?.found?.route.bare;
+  const bare = Boolean(shown?.found?.route.bare);
   const content = error
     ? html`<${ProblemNote} problem=${error} />`
-    : shown &&
-      html`<${shown.Page}
-        key=${shown.address}
-        ...${shown.found?.values ?? {}}
-        query=${new URLSearchParams(shown.address.split("?")[1] ?? "")}
-        embedded=${Boolean(bare)}
-      />`;
+    : shown && html`<${shown.Page} key=${shown.address} ...${shown.found?.values} query=${new URLSearchParams(shown.address.split("?")[1])} embedded=${bare} />`;
   return html`
     ${!bare && html`<a class="skip" href="#main">Skip to the content</a><${Header} path=${address} />`}
     <main id="main" tabindex="-1" ref=${main}>${content ?? html`<p class="muted" role="status">Loading …</p>`}</main>
@@ -159,4 +135,7 @@ const Outdated = () => html`
 `;
 
 const root = document.getElementById("app");
+watchPlace();
+// What the document says of a page that does not start.
+root?.replaceChildren();
 if (root) render(html`<${App} />`, root);

@@ -52,6 +52,13 @@ async function confirm(page, label, reason) {
   await dialog.waitFor({ state: "hidden" });
 }
 
+/** Chooses an act of the menu of a row. @param {import("playwright-core").Page | import("playwright-core").Locator} page @param {string} row @param {string} label */
+async function choose(page, row, label) {
+  const menu = page.getByRole("button", { name: `Actions for ${row}`, exact: true });
+  await menu.click();
+  await menu.locator("xpath=following-sibling::*[1]").getByRole("button", { name: label, exact: true }).click();
+}
+
 /** Creates a competition at the desk; returns its id and a code. @param {import("playwright-core").Page} page */
 async function create(page) {
   await open(page, "/desk?view=create");
@@ -63,7 +70,7 @@ async function create(page) {
   await page.getByLabel("Spare attempts").fill("1");
   await page.getByLabel("Attempts that an entrant may start on one day").fill("1");
   await page.getByRole("button", { name: "Create the competition" }).click();
-  await page.getByText("must be after opens_at").first().waitFor();
+  await page.getByText("must be after “Opens”").first().waitFor();
   const focused = await page.evaluate(() => /** @type {HTMLInputElement} */ (document.activeElement).labels?.[0]?.textContent);
   assert.match(String(focused), /^Closes/, "the field that is wrong has the focus");
   await page.getByLabel("Closes (required)").fill(localTime(3_600_000));
@@ -77,6 +84,7 @@ async function create(page) {
 /** Enters a competition and starts an attempt, on a telephone. @param {import("playwright-core").Page} page @param {string} id @param {string} code */
 async function enter(page, id, code) {
   await open(page, `/competitions/${id}`);
+  await page.locator("summary", { hasText: /^Enter$/ }).click();
   await page.getByLabel("Name on the board").fill("blue");
   await page.getByLabel("Model (required)").fill("model-b");
   await page.getByLabel("Invitation code").fill(code);
@@ -85,7 +93,7 @@ async function enter(page, id, code) {
   await page.getByRole("button", { name: "Start the next attempt" }).click();
   await confirm(page, "Start the next attempt");
   const shown = await page.getByRole("group", { name: "The token of this attempt" }).innerText();
-  await page.getByRole("row", { name: /^1 blue running/ }).waitFor();
+  await page.getByRole("row", { name: /^1 running/ }).waitFor();
   return String(/swarm_\w+/.exec(shown));
 }
 
@@ -102,21 +110,22 @@ visit(
     await entrant.done();
 
     await open(page, `/desk?view=competition&id=${id}`);
-    await page.getByRole("button", { name: "Disqualify blue" }).press("Enter");
+    await page.getByRole("button", { name: "Actions for blue" }).press("Enter");
+    await page.getByRole("button", { name: "Disqualify", exact: true }).press("Enter");
     await page.getByRole("dialog").getByLabel("Reason").waitFor();
     await page.keyboard.type("two <b>entrants</b> of one team");
     await page.keyboard.press("Enter");
     await page.getByText("two <b>entrants</b> of one team").first().waitFor();
-    const region = await page.evaluate(() => document.activeElement?.getAttribute("aria-label"));
-    assert.equal(region, "Table of entrants", "the keyboard stays near what has changed");
-    await page.getByRole("button", { name: "Readmit blue" }).click();
+    const focused = await page.evaluate(() => document.activeElement?.getAttribute("aria-label"));
+    assert.equal(focused, "Actions for blue", "the keyboard stays near what has changed");
+    await choose(page, "blue", "Readmit");
     await confirm(page, "Readmit");
-    await page.getByRole("button", { name: "Void attempt 1" }).click();
+    await choose(page, "attempt 1 of blue", "Void");
     await confirm(page, "Void", "the disk was full");
     await page.getByText("the disk was full").first().waitFor();
 
     await open(page, "/desk?view=audit");
-    for (const action of ["attempt.void", "entrant.change", "competition.create"]) {
+    for (const action of ["Voided an attempt", "Changed an entrant", "Created it"]) {
       await page.getByRole("rowheader", { name: action }).first().waitFor();
     }
   },
@@ -145,7 +154,7 @@ visit(
     const before = await program.get(base);
     await open(page, `/desk?view=competition&id=${id}`);
 
-    await page.getByText("Later ends, other texts").click();
+    await page.getByText("later ends, other texts").click();
     const closes = page.getByLabel("Closes (required)");
     const known = await closes.inputValue();
     await closes.fill(localTime(3_600_000));
@@ -175,23 +184,24 @@ visit(
     const both = await program.get(base);
     assert.deepEqual([both.name, both.description], ["Summer cup, once more", "The hall is on the left."]);
 
+    await page.getByText("Announce something").click();
     await page.getByLabel("Announcement (required)").fill("The hall opens an hour later.");
     await page.getByRole("button", { name: "Announce", exact: true }).click();
     await page.getByText("It was announced.").waitFor();
 
     await page.getByRole("row", { name: /^bot 1 used bot-1/ }).waitFor();
-    await page.getByRole("button", { name: "Revoke codes of late" }).click();
+    await choose(page, "codes of late", "Revoke");
     await confirm(page, "Revoke");
     await page.getByRole("row", { name: /^late revoked/ }).waitFor();
 
-    await page.getByRole("button", { name: "Replace the key of blue" }).click();
+    await choose(page, "blue", "Replace the key");
     await confirm(page, "Replace the key");
     const shown = await page.getByRole("group", { name: "The new key of blue" }).innerText();
     const key = String(/secret_\w+/.exec(shown));
     await assert.rejects(program.get(`${base}/attempts`, { token: blue }), /401/);
     assert.equal((await program.get(`${base}/attempts`, { token: key })).items.length, 1);
 
-    await page.getByText("Exclude many at once").click();
+    await page.getByText("Disqualify by name, address or time of entry").click();
     await page.getByLabel("Name", { exact: true }).fill("BOT-*");
     await page.getByRole("button", { name: "Show who they are" }).click();
     const fit = page.getByRole("region", { name: "Table of entrants that fit" });
@@ -200,20 +210,20 @@ visit(
     await page.getByRole("button", { name: "Exclude 2 entrants" }).click();
     await confirm(page, "Exclude 2 entrants", "one team");
     await page.getByText("2 entrants excluded").waitFor();
-    await page.getByRole("button", { name: "Readmit bot-2" }).click();
+    await choose(page, "bot-2", "Readmit");
     await confirm(page, "Readmit");
-    await page.getByRole("button", { name: "Disqualify bot-2" }).waitFor();
+    await page.getByRole("row", { name: /bot-2/ }).getByRole("cell", { name: "active", exact: true }).waitFor();
     const { items } = await program.get(`${base}/entrants`);
     assert.deepEqual(items.map((one) => one.status), ["active", "disqualified", "active"]);
 
     // The first void leads to spare seeds. Then none are left, and the page says which seeds the entrant has seen.
-    await page.getByRole("button", { name: "Void attempt 1" }).click();
+    await choose(page, "attempt 1 of blue", "Void");
     await confirm(page, "Void", "the disk was full");
     await page.getByText("the disk was full").first().waitFor();
     assert.equal(await page.getByText("has seen seeds").count(), 0);
     await program.post(`${base}/attempts`, { attempt: 1 }, { token: key });
     await page.getByText("on spare seeds").first().waitFor();
-    await page.getByRole("row", { name: /on spare seeds/ }).getByRole("button", { name: "Void attempt 1" }).click();
+    await choose(page.getByRole("row", { name: /on spare seeds/ }), "attempt 1 of blue", "Void");
     await confirm(page, "Void", "again");
     await page.getByText("Warning: blue has seen seeds of attempt 1.").waitFor();
 
@@ -255,6 +265,7 @@ visit(
     const base = `/api/v1/competitions/${id}`;
     await open(page, `/competitions/${id}`);
     await page.getByText("An entrant may start 2 on one day").waitFor();
+    await page.locator("summary", { hasText: /^Enter$/ }).click();
     await page.getByText("What is erased, and what stays").click();
     await page.getByText("It cannot return to this competition").waitFor();
     await page.getByLabel("Name on the board").fill("Ada");
@@ -262,7 +273,8 @@ visit(
     await page.getByRole("button", { name: "Enter the competition" }).click();
     await page.getByRole("button", { name: "Use it in this tab" }).click();
 
-    const own = page.locator("details", { has: page.getByText("Change my entrant", { exact: true }) });
+    await page.getByText("Change or leave").click();
+    const own = page.locator("details", { has: page.getByText("Change or leave: name, contact, team", { exact: true }) });
     const name = own.getByLabel("Name on the board");
     await name.fill("Ada L.");
     await name.press("Enter");
@@ -270,11 +282,12 @@ visit(
     await page.getByRole("region", { name: "Table of entrants" }).getByRole("rowheader", { name: "Ada L." }).waitFor();
     await own.getByRole("button", { name: "Withdraw Ada L." }).click();
     await confirm(page, "Withdraw", "no time");
-    await own.getByText("withdrawn", { exact: true }).waitFor();
+    await page.getByRole("region", { name: "Your entrant" }).getByText("withdrawn", { exact: true }).waitFor();
     await own.getByRole("button", { name: "Erase Ada L." }).press("Enter");
     await page.getByRole("dialog").getByText("the journals of its games").waitFor();
     await confirm(page, "Erase");
     await page.getByText("Ada L. was erased.").waitFor();
+    assert.equal(await page.getByRole("group", { name: "The key of this entrant" }).count(), 0, "nobody is offered a key that is refused");
     await page.getByRole("button", { name: "Key", exact: true }).waitFor();
     await page.getByRole("region", { name: "Table of entrants" }).getByRole("rowheader", { name: /^erased ent_/ }).waitFor();
     const { items } = await program.get(`${base}/entrants`);
@@ -284,7 +297,7 @@ visit(
 );
 
 visit("the file of a competition is checked in the browser", async ({ page }, { data }) => {
-  await open(page, `/competitions/${data.closed}`);
+  await open(page, `/competitions/${data.closed}#verify`);
   await page.getByRole("button", { name: "Verify" }).click();
   await page.getByRole("heading", { name: "The file passes" }).waitFor();
   await page.getByText("8 games were played on the sealed seeds").waitFor();
@@ -295,7 +308,7 @@ visit("a file that was changed does not pass", async ({ page }, { data }) => {
     const body = (await (await route.fetch()).text()).replace('"grey"', '"gray"');
     await route.fulfill({ body });
   });
-  await open(page, `/competitions/${data.closed}`);
+  await open(page, `/competitions/${data.closed}#verify`);
   await page.getByRole("button", { name: "Verify" }).click();
   await page.getByRole("heading", { name: "The file does not pass" }).waitFor();
   await page.getByText(/line \d+: a line was changed/).waitFor();
@@ -336,7 +349,7 @@ visit("a file that was forged does not pass, though its hashes fit", async ({ pa
   await page.route("**/api/v1/exports/competitions/*", async (route) => {
     await route.fulfill({ body: forged(await (await route.fetch()).text(), change) });
   });
-  await open(page, `/competitions/${data.closed}`);
+  await open(page, `/competitions/${data.closed}#verify`);
   await page.getByRole("button", { name: "Verify" }).click();
   await page.getByRole("heading", { name: "The file passes" }).waitFor();
   for (const [says, forge] of FORGERIES) {
@@ -361,13 +374,27 @@ visit(
     await open(member.page, "/desk?view=keys");
     await member.page.getByRole("heading", { name: "This view needs an organizer's key" }).waitFor();
 
-    await page.getByRole("button", { name: "Revoke the key of team x" }).click();
+    await choose(page, "the key of team x", "Revoke");
     await confirm(page, "Revoke");
-    await page.getByRole("button", { name: "Revoke the key of team x" }).waitFor({ state: "hidden" });
+    await page.getByRole("row", { name: /^team x/ }).waitFor({ state: "hidden" });
     member.watch.expect(/401/);
     await open(member.page, "/desk");
     await member.page.getByRole("heading", { name: "The key or token is not accepted" }).waitFor();
     await member.done();
+  },
+  AS,
+);
+
+visit(
+  "games are exported as a file, filtered by names with spaces",
+  async ({ page }) => {
+    await open(page, "/desk?view=exports");
+    await page.getByLabel("File").selectOption("acts.parquet");
+    await page.getByLabel("Task").selectOption("Foraging");
+    await page.getByLabel("Model").pressSequentially("my model ");
+    assert.equal(await page.getByLabel("Model").inputValue(), "my model ");
+    const link = page.getByRole("link", { name: "Download" });
+    assert.equal(await link.getAttribute("href"), "/api/v1/exports/acts.parquet?task=Foraging&model=my+model");
   },
   AS,
 );

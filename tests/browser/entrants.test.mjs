@@ -80,6 +80,7 @@ async function enter(page, id, changeTerms) {
   assert.match(await terms.innerText(), /One entrant for each team\.\n<b>Logs<\/b> are published\./, "text only, with its lines");
   assert.match(await fact(page, "Equal totals").innerText(), /^the smaller share of invalid answers, then the attempt that counts and ended earlier\./);
   assert.equal(await fact(page, "Seeds of the board").innerText(), "Until it closes 2 of 5, then the other 3.");
+  await page.locator("summary", { hasText: /^Enter$/ }).click();
   await page.getByLabel("Name on the board").fill("blue");
   await page.getByLabel("Model (required)").fill("m");
   await page.getByLabel("Contact").fill("blue@example.org");
@@ -95,10 +96,15 @@ async function enter(page, id, changeTerms) {
   await page.locator(".field", { has: tick }).getByText("must be 2").waitFor();
   await page.getByRole("region", { name: "Terms, version 2" }).getByText("One entrant for each team, at most.").waitFor();
   assert.equal(await tick.isChecked(), false, "nobody accepts what was not shown");
+  assert.equal(await tick.evaluate((one) => one === document.activeElement), true, "the keyboard is at the field that is wrong");
   await tick.press("Space");
   await enters.press("Enter");
-  const shown = await page.getByRole("group", { name: "The key of this entrant" }).innerText();
+  const made = page.getByRole("group", { name: "The key of this entrant" });
+  const shown = await made.innerText();
+  const box = await made.boundingBox();
+  assert.ok(box && box.y >= 0 && box.y + box.height <= NARROW.height, "what is shown once is in sight");
   await page.getByRole("button", { name: "Use it in this tab" }).click();
+  await page.getByRole("button", { name: "This tab uses it" }).waitFor();
   return String(/secret_\w+/.exec(shown));
 }
 
@@ -130,13 +136,14 @@ visit(
     await program.post(`${base}/entrants`, { name: "olga", model: "m", category: "models", accepts_terms: 2 });
 
     await open(page, `/desk?view=competition&id=${id}`);
-    await page.getByText("Later ends, other texts").click();
+    await page.getByText("later ends, other texts").click();
     await page.getByLabel("Terms that entrants accept").fill("Two entrants\nfor each team.");
     await page.getByRole("button", { name: "Change the competition" }).click();
     await page.getByText("It was changed, and everybody sees what.").waitFor();
-    const row = page.getByRole("region", { name: "Table of entrants", exact: true }).getByRole("row", { name: /^blue/ });
+    const row = page.getByRole("region", { name: "Table of entrants", exact: true }).getByRole("row", { name: /blue/ });
     await row.getByText("version 2 of 3").waitFor();
-    await page.getByRole("button", { name: "Details of blue" }).press("Enter");
+    await page.getByRole("button", { name: "Actions for blue" }).press("Enter");
+    await page.getByRole("button", { name: "Details", exact: true }).press("Enter");
     const details = page.getByRole("region", { name: "Details of blue" });
     await details.getByText("blue@example.org").waitFor();
     assert.equal(await details.evaluate((one) => one === document.activeElement), true, "the keyboard is where the details are");
@@ -146,8 +153,9 @@ visit(
     const bea = await addMember(page, "Bea");
     assert.equal((await program.get(`${base}/entrants/${entrant}`, { token: bea })).contact, "blue@example.org");
     await details.getByRole("button", { name: "Close the details" }).press("Enter");
-    assert.equal(await page.evaluate(() => document.activeElement?.getAttribute("aria-label")), "Details of blue");
-    await page.getByRole("button", { name: "Details of olga" }).click();
+    assert.equal(await page.evaluate(() => document.activeElement?.getAttribute("aria-label")), "Actions for blue");
+    await page.getByRole("button", { name: "Actions for olga" }).click();
+    await page.getByRole("button", { name: "Details", exact: true }).click();
     await page.getByText(/^Team: 0 members/).click();
     await page.getByLabel("Name of the member").fill("Carl");
     await page.getByRole("button", { name: "Add a member" }).click();
@@ -155,12 +163,13 @@ visit(
 
     // The entrant itself.
     await open(own, `/competitions/${id}`);
-    await own.getByText("Version 2 was accepted; the newest is version 3.").waitFor();
+    await own.getByText("You accepted version 2; the newest is version 3.").waitFor();
     await own.getByRole("button", { name: "Accept version 3" }).press("Enter");
     await own.getByRole("dialog").getByText("Two entrants\nfor each team.").waitFor();
     await confirm(own, "Accept version 3");
-    await own.getByText("Terms: version 3, the newest, was accepted.").waitFor();
-    const mine = own.locator("details", { has: own.getByText("Change my entrant", { exact: true }) });
+    await own.getByText("You accepted version 3 of the terms, the newest.").waitFor();
+    await own.getByText("Change or leave").click();
+    const mine = own.locator("details", { has: own.getByText("Change or leave: name, contact, team", { exact: true }) });
     const contact = mine.getByLabel("Contact");
     assert.equal(await contact.inputValue(), "blue@example.org");
     const contactNow = async () => (await program.get(`${base}/entrants/${entrant}`, { token: key })).contact;
@@ -179,16 +188,18 @@ visit(
     // Another member of the team sees the same, even before the first attempt.
     await enterKey(own, bea);
     await open(own, `/competitions/${id}`);
+    await own.getByText("Change or leave").click();
     await own.getByText(/^Team: 1 member beside/).waitFor();
     await own.getByRole("region", { name: "Table of what organizers did" }).getByText("version 3 of the terms").waitFor();
     await telephone.done();
 
     await program.call("DELETE", `${base}/entrants/${entrant}`, { token: key });
     await page.reload();
-    const erased = page.getByRole("row", { name: /^erased ent_/ });
+    const erased = page.getByRole("row", { name: /erased ent_/ });
     await erased.getByText("erased", { exact: true }).waitFor();
-    for (const label of [/^Readmit/, /^Replace the key/]) assert.equal(await erased.getByRole("button", { name: label }).count(), 0);
-    await erased.getByRole("button", { name: /^Details/ }).click();
+    await erased.getByRole("button", { name: /^Actions for/ }).click();
+    for (const label of ["Readmit", "Replace the key"]) assert.equal(await erased.getByRole("button", { name: label, exact: true }).count(), 0);
+    await erased.getByRole("button", { name: "Details", exact: true }).click();
     await page.getByText(/^Team: 0 members/).click();
     assert.equal(await page.getByRole("button", { name: "Add a member" }).count(), 0);
     assert.equal(await page.getByRole("button", { name: "Move it" }).count(), 0);
@@ -202,7 +213,7 @@ visit(
     await open(page, `/competitions/${data.closed}`);
     const board = page.getByRole("region", { name: "Standings" });
     const rows = () => board.getByRole("region", { name: "Table of standings" }).getByRole("row").allInnerTexts();
-    const ranks = async () => (await rows()).slice(1).map((row) => row.split(/\s+/).slice(0, 3).join(" "));
+    const ranks = async () => (await rows()).slice(1).map((row) => row.split(/\s+/).filter((word) => word !== "m").join(" ").replace(/ (\S+)( (?:models|people)).*/, "$2"));
     await board.getByText("Final part: 2 of 3 seeds.").waitFor();
     assert.deepEqual(await ranks(), ["1 blue models", "2 red people"], "invalid answers decide between equal totals");
     await board.getByLabel("Category").selectOption("people");
@@ -219,6 +230,30 @@ visit(
   },
   { viewport: NARROW },
 );
+
+visit("a voided attempt is played again on spare seeds after its window, and no start is offered that is refused", async ({ page }, { program }) => {
+  const closes = Date.now() + 3000;
+  const made = await competition(program, {
+    ...{ name: "June cup", spares: 1, attempts_per_day: 1 },
+    attempts: [{ closes_at: new Date(closes).toISOString() }, {}],
+  });
+  const base = `/api/v1/competitions/${made.id}`;
+  const { key } = await program.post(`${base}/entrants`, { name: "blue", model: "m" }, { token: "" });
+  const { run } = await program.post(`${base}/attempts`, {}, { token: key });
+  await enterKey(page, key);
+  await open(page, `/competitions/${made.id}`);
+  const part = page.getByRole("region", { name: "Your entrant" });
+  await part.getByText("1 of 2 attempts left, 1 on one day (UTC). Those of today are used").waitFor();
+  const start = part.getByRole("button", { name: "Start the next attempt" });
+  assert.equal(await start.count(), 0);
+  await new Promise((resolve) => setTimeout(resolve, Math.max(0, closes - Date.now())));
+  await program.post(`${base}/attempts/${run}/void`, { reason: "the disk was full" });
+  await part.getByText("2 of 2 attempts left, 1 on one day (UTC). Attempt 1 was voided: you may start it again.").waitFor();
+  await start.click();
+  await confirm(page, "Start the next attempt");
+  await part.getByText("on spare seeds").waitFor();
+  await part.getByText("Those of today are used").waitFor();
+});
 
 visit("an entrant practises on open seeds, and sees how its games go", async ({ page, watch }, { program }) => {
   const made = await competition(program, {

@@ -36,8 +36,9 @@ visit("two games of one seed are compared from the list of games", async ({ page
   await page.getByText(/They part in round \d+/).waitFor();
   await page.getByRole("button", { name: /^Go to round/ }).click();
   const before = await page.getByRole("slider", { name: "Round" }).inputValue();
-  await page.getByRole("button", { name: "Next difference" }).click();
+  await page.getByRole("button", { name: "Where they differ, next" }).click();
   assert.notEqual(await page.getByRole("slider", { name: "Round" }).inputValue(), before);
+  await page.getByRole("button", { name: "Share and more" }).click();
   await page.getByRole("button", { name: /Swap/ }).click();
   await page.waitForURL(new RegExp(`a=(${data.first}|${data.second})`));
 });
@@ -55,7 +56,7 @@ visit("the board as a file, by task and with metrics", async ({ page }) => {
 });
 
 visit("the published file of a competition is checked in the browser", async ({ page }, { data }) => {
-  await open(page, `/competitions/${data.closed}`);
+  await open(page, `/competitions/${data.closed}#verify`);
   await page.getByRole("button", { name: /Verify|Check/ }).first().click();
   await page.getByText(/commitment/i).first().waitFor();
   await page.getByText(/swarmbench verify --competition/).first().waitFor();

@@ -1,10 +1,8 @@
 // Two games in step: their differences in a round, and the round where they part.
-import { actionOf } from "../parts/actions.js";
-import { openGame } from "../parts/game.js";
+import { actionOf, saidBy } from "../parts/actions.js";
 
-/** @typedef {import("../parts/game.js").Game} Game */
-/** @typedef {import("../parts/game.js").State} State */
-/** @typedef {import("../parts/game.js").Head} Head */
+/** @import { Game, Head, State } from "../parts/game.js" */
+/** @typedef {{state: State, next: State | null}} Moment */
 
 /** The number of rounds between two reports of a search. */
 const REPORT_ROUNDS = 50;
@@ -15,51 +13,23 @@ export function readId(text) {
   return found?.[0] ?? text.trim();
 }
 
-/** @param {string} id @param {AbortSignal} signal */
-export const openById = (id, signal) => openGame({ kind: kindOf(id), id }, signal);
-
-/** @param {string} id @returns {"imports" | "episodes"} */
-const kindOf = (id) => (id.startsWith("imp_") ? "imports" : "episodes");
-
-/** The page of a game. @param {string} id */
-export const pageOf = (id) => `/${kindOf(id)}/${encodeURIComponent(id)}`;
-
-/** Both games as one for the playback, as long as the longer one. */
-export class Pair {
-  first = 0;
-
-  /** @param {Game} a @param {Game} b */
-  constructor(a, b) {
-    this.a = a;
-    this.b = b;
-  }
-
+/** Two games as one for the playback, as long as the longer one. @param {Game} a @param {Game} b */
+export const pairOf = (a, b) => ({
+  a,
+  b,
   get last() {
-    return Math.max(this.a.last, this.b.last);
-  }
-
+    return Math.max(a.last, b.last);
+  },
   /** The last round of both games. */
   get common() {
-    return Math.min(this.a.last, this.b.last);
-  }
+    return Math.min(a.last, b.last);
+  },
+  load: (/** @type {number} */ round) => Promise.all([a, b].map((game) => game.load(Math.min(round, game.last)))),
+});
 
-  /** @param {number} round */
-  async load(round) {
-    const [a] = await Promise.all([this.a, this.b].map((game) => game.load(Math.min(round, game.last))));
-    return a;
-  }
+/** @typedef {ReturnType<typeof pairOf>} Pair */
 
-  /** @param {number} round */
-  isRead(round) {
-    return [this.a, this.b].every((game) => game.peek(Math.min(round, game.last)));
-  }
-}
-
-/**
- * The reason why agents and places of two games cannot be compared, or an empty text.
- * @param {Head} a
- * @param {Head} b
- */
+/** The reason why agents and places of two games cannot be compared, or an empty text. @param {Head} a @param {Head} b */
 export function obstacle(a, b) {
   if (a.task !== b.task) return "They are of different tasks";
   if (a.width !== b.width || a.height !== b.height) return "Their maps are of different sizes";
@@ -67,26 +37,13 @@ export function obstacle(a, b) {
   return "";
 }
 
-/** @param {number[] | undefined} list @param {number} agent */
-const has = (list, agent) => Boolean(list?.includes(agent));
+/** An agent's place, light and load. @param {State} state @param {number} agent */
+const placeOf = ({ at, gone, lit, loaded }, agent) =>
+  gone?.includes(agent) ? "gone" : `${at[2 * agent]} ${at[2 * agent + 1]} ${Boolean(lit?.includes(agent))} ${Boolean(loaded?.includes(agent))}`;
 
-/** @param {State | null} next @param {number} agent */
-export const saidBy = (next, agent) => next?.said?.find(({ from }) => from === agent)?.text ?? "";
-
-/**
- * The differences of an agent: its place and its decision.
- * @param {{state: State, next: State | null}} a
- * @param {{state: State, next: State | null}} b
- * @param {number} agent
- */
-export function agentDiffers(a, b, agent) {
-  const [one, other] = [a.state, b.state];
-  const isGone = has(one.gone, agent);
-  const place =
-    isGone !== has(other.gone, agent) ||
-    (!isGone && (one.at[2 * agent] !== other.at[2 * agent] || one.at[2 * agent + 1] !== other.at[2 * agent + 1])) ||
-    has(one.lit, agent) !== has(other.lit, agent) ||
-    has(one.loaded, agent) !== has(other.loaded, agent);
+/** The differences of an agent: its place and its decision. @param {Moment} a @param {Moment} b @param {number} agent */
+function agentDiffers(a, b, agent) {
+  const place = placeOf(a.state, agent) !== placeOf(b.state, agent);
   // A game that has ended has no decisions.
   const both = Boolean(a.next && b.next);
   const action = both && actionOf(a.next, agent)?.name !== actionOf(b.next, agent)?.name;
@@ -94,25 +51,14 @@ export function agentDiffers(a, b, agent) {
   return { place, action, message, any: place || action || message };
 }
 
-/** @param {[number, number] | undefined} a @param {[number, number] | undefined} b */
-const elsewhere = (a, b) => String(a) !== String(b);
-
-/**
- * All differences in a round; `isPlaced` if it is more than decisions and messages.
- * @param {Head} head
- * @param {{state: State, next: State | null}} a
- * @param {{state: State, next: State | null}} b
- */
+/** All differences in a round; `isPlaced` if it is more than decisions and messages. @param {Head} head @param {Moment} a @param {Moment} b */
 export function differences(head, a, b) {
   const agents = new Map();
   for (let agent = 0; agent < head.num_agents; agent++) {
     const differs = agentDiffers(a, b, agent);
     if (differs.any) agents.set(agent, differs);
   }
-  const things = [];
-  if (elsewhere(a.state.prey, b.state.prey)) things.push("the prey");
-  if (elsewhere(a.state.block, b.state.block)) things.push("the block");
-  if (a.state.score !== b.state.score) things.push("the score");
+  const things = /** @type {const} */ (["prey", "block", "score"]).filter((name) => String(a.state[name]) !== String(b.state[name])).map((name) => `the ${name}`);
   const isPlaced = things.length > 0 || [...agents.values()].some(({ place }) => place);
   return { agents, things, isPlaced, any: agents.size > 0 || isPlaced };
 }

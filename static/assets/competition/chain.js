@@ -80,15 +80,11 @@ function brokenOff() {
 export class Chain {
   head = new Uint8Array(HASH_BYTES);
 
-  /**
-   * Checks the hash of a line. Returns its record as text.
-   * @param {Uint8Array<ArrayBuffer>} line
-   */
+  /** Checks the hash of a line. Returns its record as text. @param {Uint8Array<ArrayBuffer>} line */
   async next(line) {
     const text = (/** @type {number} */ from, /** @type {number} */ to) => decoder.decode(line.subarray(from, to));
     const hashEnd = BEFORE_HASH.length + 2 * HASH_BYTES;
-    const isLine =
-      text(0, BEFORE_HASH.length) === BEFORE_HASH && text(hashEnd, RECORD_START) === AFTER_HASH && line.at(-1) === 0x7d;
+    const isLine = text(0, BEFORE_HASH.length) === BEFORE_HASH && text(hashEnd, RECORD_START) === AFTER_HASH && line.at(-1) === 0x7d;
     check(isLine, "a line does not have the form of this file");
     const record = line.subarray(RECORD_START, -1);
     this.head = await sha256(this.head, record);

@@ -3,13 +3,8 @@ import { TASKS } from "../parts/tasks.js";
 import { Chain, Mismatch, bytesOf, check, hex, linesOf, parsed, sha256 } from "./chain.js";
 
 /**
- * @typedef {object} Findings
- * @property {string} commitment
- * @property {string} head the hash after the last record
- * @property {number} lines
- * @property {number} games
- * @property {number} entrants
- * @property {any[]} rows the board of the file
+ * @typedef {{commitment: string, head: string, lines: number, games: number, entrants: number, rows: any[]}} Findings head: the hash after
+ *   the last record; rows: the board of the file
  */
 
 /**
@@ -51,16 +46,10 @@ const AFTER_END = ["attempt.void", "episode.void", "entrant.change", "entrants.e
 
 const STATUSES = ["running", "finished", "aborted", "abandoned", "closed"];
 
-/**
- * An attempt that was not voided and is over.
- * @typedef {{run: string, attempt: number, run_status: string, startedAt: string, endedAt: string, total: number | null}} Played
- */
+/** @typedef {{run: string, attempt: number, run_status: string, startedAt: string, endedAt: string, total: number | null}} Played it was not voided and is over */
 
 class File {
-  /**
-   * @param {AsyncGenerator<Uint8Array<ArrayBuffer>>} lines
-   * @param {{bytes: number, lines: number, games: number}} progress
-   */
+  /** @param {AsyncGenerator<Uint8Array<ArrayBuffer>>} lines @param {{bytes: number, lines: number, games: number}} progress */
   constructor(lines, progress) {
     this.lines = lines;
     this.progress = progress;
@@ -93,7 +82,6 @@ class File {
     check(competition.revealed_at !== undefined, "the competition does not say when it was opened");
     const plans = await plansOf(competition);
     checkFormat("definition", definition, format);
-    /** @type {Map<string, any>} */
     const entrants = new Map();
     let record = await this.record();
     for (; record.kind === "action"; record = await this.record()) this.action(record, competition);
@@ -155,12 +143,8 @@ class File {
     else own.voided.push(number);
   }
 
-  /**
-   * Checks the games of an attempt; returns its total.
-   * @param {any} attempt @param {any} definition @param {{task: string, seed: number}[]} plan
-   */
+  /** Checks the games of an attempt; returns its total. @param {any} attempt @param {any} definition @param {{task: string, seed: number}[]} plan */
   async attempt(attempt, definition, plan) {
-    /** @type {Map<number, number>} */
     const scores = new Map();
     const voided = new Set();
     for (const game of attempt.games) {
@@ -180,10 +164,7 @@ class File {
     return totalOf(definition.tasks, plan, scores, voided, isShown);
   }
 
-  /**
-   * Checks the journal of a game; returns its score.
-   * @param {any} game @param {{task: string, seed: number}} place @param {string} run
-   */
+  /** Checks the journal of a game; returns its score. @param {any} game @param {{task: string, seed: number}} place @param {string} run */
   async game(game, place, run) {
     const header = await this.record();
     const isHeader = header.kind === "episode" && header.episode === game.episode && header.slot === game.slot;
@@ -249,17 +230,12 @@ class File {
       case "timeouts":
         return compareShares([a.timeouts, a.answers + a.timeouts], [b.timeouts, b.answers + b.timeouts]);
       case "attempts":
-        return this.attemptsOf(a) - this.attemptsOf(b);
+        return (this.attempts.get(a.entrant)?.counted.size ?? 0) - (this.attempts.get(b.entrant)?.counted.size ?? 0);
       case "earliest":
         return inOrder(this.endOf(a), this.endOf(b));
       default:
         throw new Mismatch("equal totals are ordered by a rule that this page does not know");
     }
-  }
-
-  /** @param {any} row */
-  attemptsOf({ entrant }) {
-    return this.attempts.get(entrant)?.counted.size ?? 0;
   }
 
   /** @param {any} row */
@@ -299,10 +275,7 @@ function compareShares([part, whole], [otherPart, otherWhole]) {
   return Number(difference > 0n) - Number(difference < 0n);
 }
 
-/**
- * Checks the commitment. Returns the tasks and seeds of all games by attempt, spare ones last.
- * @param {any} competition
- */
+/** Checks the commitment. Returns the tasks and seeds of all games by attempt, spare ones last. @param {any} competition */
 async function plansOf({ salt, seeds, commitment, definition }) {
   const sealed = seeds.map(bytesOf);
   const attempts = definition.attempts.length + (definition.spares ?? 0);
@@ -327,11 +300,8 @@ async function seedOf(sealed, task) {
 
 /**
  * The sum of the means of an attempt, in the order of tasks on boards: an unplayed game counts as 0, a voided game does not count.
- * @param {string[]} tasks
- * @param {{task: string, seed: number}[]} plan
- * @param {Map<number, number>} scores by slot
- * @param {Set<number>} voided slots
- * @param {(slot: number) => boolean} isShown whether the board is made of it
+ * @param {string[]} tasks @param {{task: string, seed: number}[]} plan @param {Map<number, number>} scores by slot
+ * @param {Set<number>} voided slots @param {(slot: number) => boolean} isShown whether the board is made of it
  */
 function totalOf(tasks, plan, scores, voided, isShown) {
   let total = 0;

@@ -1,106 +1,99 @@
-// The board of a competition, as far as the server shows it.
+// The board of a competition, as far as the server shows it, the places of a key's own entrants on it, and all entrants.
 import { html, useState } from "../ui.js";
 import { route, withQuery } from "../api.js";
-import { Interval, short } from "../parts/chart.js";
+import { Interval, isTied, short } from "../parts/chart.js";
 import { Download } from "../parts/download.js";
-import { Choice } from "../parts/filters.js";
+import { Choice, useFilters } from "../parts/filters.js";
+import { Items, ListTable } from "../parts/listed.js";
+import { useLoaded } from "../parts/load.js";
 import { METRICS, metricName } from "../parts/metrics.js";
-import { More, usePages } from "../parts/pages.js";
-import { ProblemNote } from "../parts/problem.js";
-import { useQuery } from "../parts/query.js";
+import { More, eachPage, usePages } from "../parts/pages.js";
+import { Waiting } from "../parts/problem.js";
 import { seedsOf } from "../parts/rules.js";
-import { OnSpareSeeds, failuresText } from "../parts/status.js";
-import { Text } from "../parts/text.js";
+import { OnSpareSeeds, failuresText, percent } from "../parts/status.js";
+import { Name, Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
+/** Pauses between readings of the first rows and of a whole board, and the maximum number of rows in an answer. */
 const REFRESH_MS = 15_000;
+const WHOLE_MS = 60_000;
+const WHOLE_ROWS = 1000;
 
-/** @param {{competition: any}} props */
-export function Standings({ competition }) {
-  const [query, change] = useQuery();
-  const asked = { category: query.get("category") ?? "", part: query.get("part") ?? "" };
-  return html`<${Filters} competition=${competition} ...${asked} change=${change} /><${Board} competition=${competition} ...${asked} />`;
+/** The number of rows that are shown at first, and with each request for more. */
+const ROWS = 25;
+
+/** @param {{id: string}} competition */
+const boardOf = ({ id }) => route`/api/v1/competitions/${id}/board`;
+
+/**
+ * The rows of entrants on a whole board, wherever they stand, and how many have a rank.
+ * @param {any} competition @param {any[]} own entrants @param {Record<string, string>} [query] of the board
+ */
+export function useOwnRows(competition, own, query = {}) {
+  const ids = own.map(({ id }) => id);
+  const load = async (/** @type {AbortSignal} */ signal) => {
+    const all = [];
+    let shows = "nothing";
+    const read = (/** @type {any} */ page) => ((shows = page.shows), void all.push(...page.items));
+    if (ids.length > 0) await eachPage(boardOf(competition), { ...query, limit: WHOLE_ROWS }, signal, read);
+    const ranks = all.map(({ rank }) => rank).filter((rank) => rank !== null);
+    const shared = (/** @type {any} */ row) => row.rank !== null && ranks.filter((rank) => rank === row.rank).length > 1;
+    const rows = all.filter((row) => ids.includes(row.entrant.id)).map((row) => ({ ...row, isTied: shared(row) || Boolean(row.difference && isTied(row)) }));
+    return { shows, rows, ranked: ranks.length };
+  };
+  return useLoaded(load, [competition.id, competition.phase, ids.join(), JSON.stringify(query)], competition.revealed_at ? undefined : WHOLE_MS).value;
 }
 
-/** Chooses the entrants of the board, and its seeds once these are shown. @param {{competition: any, category: string, part: string, change: (changes: Record<string, string>) => void}} props */
-function Filters({ competition, category, part, change }) {
+/** @param {{competition: any, own: any[]}} props own: the entrants of the key of this tab */
+export function Standings({ competition, own }) {
+  const { values, of } = useFilters(["category", "part"]);
   const { categories, revealed_at } = competition;
-  const { publicSeeds } = seedsOf(competition);
-  const hasParts = publicSeeds > 0 && (revealed_at || part);
-  if (categories.length === 0 && !hasParts) return null;
-  return html`<div class="buttons" role="search" aria-label="Filters of the standings">
-    ${categories.length > 0 && html`<${Choice} label="Category" value=${category} options=${categories} onChange=${(/** @type {string} */ category) => change({ category })} />`}
-    ${hasParts &&
-    html`<label>
-      Board${" "}
-      <select value=${part === "public" ? part : ""} onChange=${(/** @type {any} */ event) => change({ part: event.target.value })}>
-        <option value="">final</option><option value="public">public, as before the end</option>
-      </select>
-    </label>`}
-  </div>`;
+  const hasParts = seedsOf(competition).publicSeeds > 0 && (revealed_at || values.part);
+  // Seeds of the board can be chosen once they are shown.
+  return html`
+    ${(categories.length > 0 || hasParts) &&
+    html`<div class="buttons" role="search" aria-label="Filters of the standings">
+      ${categories.length > 0 && html`<${Choice} label="Category" options=${categories} ...${of("category")} />`}
+      ${hasParts && html`<${Choice} label="Board" all="final" options=${[["public", "public, as before the end"]]} ...${of("part")} />`}
+    </div>`}
+    <${Board} competition=${competition} own=${own} ...${values} />
+  `;
 }
 
-/** The seeds of a board. @param {string} part @param {any} competition */
-function partText(part, competition) {
-  const { seeds, publicSeeds } = seedsOf(competition);
-  const others = seeds - publicSeeds;
-  if (part === "public") return `Public part: ${publicSeeds} of ${seeds} seeds. The rest is for the final board.`;
-  if (part === "final") return `Final part: ${others} of ${seeds} seeds. The rest is for the board before the end.`;
-  return "";
-}
-
-/** @param {{competition: any, category: string, part: string}} props */
-function Board({ competition, category, part }) {
+/** @param {{competition: any, own: any[], category: string, part: string}} props */
+function Board({ competition, own, category, part }) {
   const [metric, setMetric] = useState("");
-  const base = route`/api/v1/competitions/${competition.id}/board`;
-  const list = usePages(withQuery(base, { category, part, metrics: metric }), competition.revealed_at ? undefined : REFRESH_MS);
-  if (!list.value) {
-    return list.problem ? html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />` : html`<p class="muted" role="status">Loading …</p>`;
-  }
+  const query = { category, part, metrics: metric };
+  const list = usePages(withQuery(boardOf(competition), { ...query, limit: ROWS }), competition.revealed_at ? undefined : REFRESH_MS);
+  const ownRows = useOwnRows(competition, own, query)?.rows ?? [];
+  if (!list.value) return html`<${Waiting} of=${list} />`;
   const { items, value: first } = list;
-  const csv = withQuery(base, { category, part, format: "csv", metrics: metric });
   if (first.shows === "nothing") return html`<p class="empty">The board is hidden until the end.</p>`;
   if (items.length === 0) return html`<p class="empty">${first.category ? "Nobody has entered in this category." : "Nobody has entered."}</p>`;
   const hasAll = first.shows === "all";
-  const hasCategories = competition.categories.length > 0;
-  const tasks = hasAll ? (items.find((row) => row.tasks.length > 0)?.tasks.map(({ task }) => task) ?? []) : [];
+  const { seeds, publicSeeds } = seedsOf(competition);
+  const isOwn = (/** @type {any} */ { entrant }) => own.some(({ id }) => id === entrant.id);
+  // Own rows that are not loaded yet stand below the others, apart from the last of them.
+  const below = ownRows.filter((row) => !items.some((shown) => shown.entrant.id === row.entrant.id));
+  const look = (/** @type {any} */ row, /** @type {number} */ place) =>
+    [row.entrant.status !== "active" && "out", isOwn(row) && "own", place === items.length && "apart"].filter(Boolean).join(" ");
   return html`
     <p class="muted" role="status">
       ${first.category && html`Category <${Text} value=${first.category} />: ranks among its entrants. `}
-      ${partText(first.part, competition)}
+      ${first.part === "public" && `Public part: ${publicSeeds} of ${seeds} seeds. The rest is for the final board.`}
+      ${first.part === "final" && `Final part: ${seeds - publicSeeds} of ${seeds} seeds. The rest is for the board before the end.`}
     </p>
     <p class="muted">
       ${first.frozen_at && html`Frozen: attempts that were over before <${Time} value=${first.frozen_at} both />. `}
       ${!hasAll && "Totals only, until the seeds are revealed. A rank without a total: too few games count to show one."}
-      ${hasAll && !competition.revealed_at && "Only organizers see this board before the end."}
+      ${hasAll && !competition.revealed_at && "Others see totals only before the end."}
     </p>
-    ${hasAll &&
-    html`<p>
-      <label class="metric">
-        Metric of each task
-        <select value=${metric} onChange=${(/** @type {any} */ event) => setMetric(event.target.value)}>
-          <option value="">none</option>
-          ${Object.entries(METRICS).map(([name, what]) => html`<option value=${name}>${metricName(name)}: ${what}</option>`)}
-        </select>
-      </label>
-    </p>`}
-    <div class="scroll" tabindex="0" role="region" aria-label="Table of standings">
-      <table class="standings">
-        <thead>
-          <tr>
-            <th scope="col" class="number">Rank</th><th scope="col">Entrant</th>${hasCategories && html`<th scope="col">Category</th>`}<th scope="col">Model</th>
-            <th scope="col" class="number">Total</th>
-            ${tasks.map((task) => html`<th scope="col" class="number">${task}</th>`)}
-            ${metric && tasks.map((task) => html`<th scope="col" class="number">${metricName(metric)}, ${task}</th>`)}
-            ${hasAll && html`<th scope="col">Below the row above, 95 %</th>`}
-            <th scope="col" class="number">Invalid</th><th scope="col" class="number">Timeouts</th><th scope="col" class="number">Attempts</th>
-          </tr>
-        </thead>
-        <tbody>${items.map((row) => html`<${Row} key=${row.entrant.id} row=${row} tasks=${tasks} metric=${metric} hasAll=${hasAll} hasCategories=${hasCategories} scale=${scaleOf(items)} />`)}</tbody>
-      </table>
-    </div>
+    ${hasAll && html`<p class="metric"><${Choice} label="Metric of each task" value=${metric} all="none" onChange=${setMetric}
+      options=${Object.entries(METRICS).map(([name, what]) => [name, `${metricName(name)}: ${what}`])} /></p>`}
+    <${Items} items=${[...items, ...below]} label="Table of standings" name="standings" header=${1} look=${look} keyOf=${({ entrant }) => entrant.id}
+      columns=${columnsOf({ items, isOwn, hasAll, hasCategories: competition.categories.length > 0, metric })} />
     <${More} list=${list} />
-    <p class="buttons small"><${Download} href=${csv} name="board.csv">This board as CSV<//></p>
+    <p class="buttons small"><${Download} href=${withQuery(boardOf(competition), { category, part, format: "csv", metrics: metric })} name="board.csv">This board as CSV<//></p>
     <details class="small">
       <summary>What the columns mean</summary>
       <ul>
@@ -114,6 +107,35 @@ function Board({ competition, category, part }) {
   `;
 }
 
+/**
+ * @param {{items: any[], isOwn: (row: any) => boolean, hasAll: boolean, hasCategories: boolean, metric: string}} board hasAll: it shows more
+ *   than totals
+ */
+function columnsOf({ items, isOwn, hasAll, hasCategories, metric }) {
+  const tasks = hasAll ? (items.find((row) => row.tasks.length > 0)?.tasks.map(({ task }) => task) ?? []) : [];
+  const scale = scaleOf(items);
+  const total = (/** @type {any} */ row) => html`${hasAll && row.run ? html`<a href=${route`/runs/${row.run}`}>${short(row.total)}</a>` : short(row.total)}
+    ${row.on_spare_seeds && html`<div><${OnSpareSeeds} /></div>`}`;
+  return [
+    ["#Rank", (row) => row.rank ?? "–"],
+    ["Entrant and model", (row) => html`<${Player} entrant=${row.entrant} isOwn=${isOwn(row)} />`],
+    ["#Total", total],
+    hasCategories && ["Category", (row) => html`<${Text} value=${row.entrant.category} />`],
+    ...tasks.map((task) => [`#${task}`, (row) => short(row.tasks.find((one) => one.task === task)?.mean)]),
+    ...(metric ? tasks.map((task) => [`#${metricName(metric)}, ${task}`, (row) => short(row.metrics?.[task]?.[metric])]) : []),
+    hasAll && ["Below the row above, 95 %", (row) => html`<${Below} difference=${row.difference} scale=${scale} />`],
+    ["#Invalid", (row) => html`<span title=${row.run ? failuresText(row.failures) : ""}>${percent(row.run ? row.invalid_share : null)}</span>`],
+    ["#Timeouts", (row) => percent(row.run ? row.timeout_share : null)],
+    ["#Attempts", (row) => html`${row.attempts}${row.voided_attempts > 0 && ` (${row.voided_attempts} voided)`}`],
+  ];
+}
+
+/** @param {{entrant: any, isOwn: boolean}} props */
+const Player = ({ entrant: { name, model, status, reason, vouched }, isOwn }) => html`<${Name} value=${name} />
+  ${isOwn && html` <span class="badge">yours</span>`}${vouched && html` <span class="badge">vouched</span>`}
+  <div class="small muted"><${Name} value=${model} /></div>
+  ${status !== "active" && html`<div class="small"><span class="badge">${status}</span> ${reason && html`<${Text} value=${reason} />`}</div>`}`;
+
 /** All intervals are drawn on one scale. @param {any[]} rows @returns {[number, number]} */
 function scaleOf(rows) {
   const known = rows.map((row) => row.difference).filter((one) => one?.low !== undefined && one?.low !== null);
@@ -121,9 +143,6 @@ function scaleOf(rows) {
   const high = Math.max(0, ...known.map((one) => one.high));
   return low === high ? [-1, 1] : [low, high];
 }
-
-/** @param {number | null} share */
-const percent = (share) => (share === null ? "–" : `${(share * 100).toFixed(1)} %`);
 
 /** @param {{difference: any, scale: [number, number]}} props */
 function Below({ difference, scale }) {
@@ -134,26 +153,21 @@ function Below({ difference, scale }) {
   return html`<${Interval} mean=${mean} low=${low} high=${high} range=${scale} label=${label} />${low < 0 && html` <span class="badge">tie</span>`}`;
 }
 
-/** @param {{row: any, tasks: string[], metric: string, hasAll: boolean, hasCategories: boolean, scale: [number, number]}} props */
-function Row({ row, tasks, metric, hasAll, hasCategories, scale }) {
-  const { entrant, difference } = row;
-  const isOut = entrant.status !== "active";
-  const meanOf = (/** @type {string} */ name) => row.tasks.find(({ task }) => task === name)?.mean;
-  return html`<tr class=${isOut ? "out" : ""}>
-    <td class="number">${row.rank ?? "–"}</td>
-    <th scope="row">
-      <${Text} value=${entrant.name} />${entrant.vouched && html` <span class="badge">vouched</span>`}
-      ${isOut && html`<div class="small"><span class="badge">${entrant.status}</span> ${entrant.reason && html`<${Text} value=${entrant.reason} />`}</div>`}
-    </th>
-    ${hasCategories && html`<td><${Text} value=${entrant.category} /></td>`}
-    <td><${Text} value=${entrant.model} /></td>
-    <td class="number">${hasAll && row.run ? html`<a href=${route`/runs/${row.run}`}>${short(row.total)}</a>` : short(row.total)}${row.on_spare_seeds && html`<div><${OnSpareSeeds} /></div>`}</td>
-    ${tasks.map((task) => html`<td class="number">${short(meanOf(task))}</td>`)}
-    ${metric && tasks.map((task) => html`<td class="number">${short(row.metrics?.[task]?.[metric])}</td>`)}
-    ${hasAll &&
-    html`<td><${Below} difference=${difference} scale=${scale} /></td>`}
-    <td class="number" title=${row.run ? failuresText(row.failures) : ""}>${percent(row.run ? row.invalid_share : null)}</td>
-    <td class="number">${percent(row.run ? row.timeout_share : null)}</td>
-    <td class="number">${row.attempts}${row.voided_attempts > 0 && ` (${row.voided_attempts} voided)`}</td>
-  </tr>`;
+/** All entrants. @param {{list: ReturnType<typeof usePages>, hasCategories: boolean, own: any[]}} props own: those of the key of this tab */
+export function Entrants({ list, hasCategories, own }) {
+  const name = (/** @type {any} */ one) => html`<${Name} value=${one.name} />
+    ${own.some(({ id }) => id === one.id) && html` <span class="badge">yours</span>`}
+    ${one.status !== "active" && html` <span class="badge">${one.status}</span>`}`;
+  return html`<${ListTable} list=${list} label="Table of entrants" empty="Nobody has entered." look=${(one) => one.status !== "active" && "out"} columns=${[
+    ["Name", name],
+    hasCategories && ["Category", (one) => html`<${Text} value=${one.category} />`],
+    ["Model, as declared", (one) => html`<${Name} value=${one.model} />${one.vouched && html` <span class="badge">vouched</span>`}`],
+    ["Sampling", samplingOf],
+    ["Prompt", (one) => (one.prompt_template ? html`its own, <code>${one.prompt_template}</code>` : "built-in")],
+    ["Entered", (one) => html`<${Time} value=${one.registered_at} />`],
+  ]} />`;
 }
+
+/** @param {{temperature?: number | null, top_p?: number | null}} entrant */
+const samplingOf = ({ temperature = null, top_p = null }) =>
+  [temperature !== null && `temperature ${temperature}`, top_p !== null && `top-p ${top_p}`].filter(Boolean).join(", ") || "–";

@@ -19,8 +19,7 @@ export function Verification({ competition }) {
   const path = route`/api/v1/exports/competitions/${competition.id}`;
 
   const verify = async () => {
-    const aborted = new AbortController();
-    running.current = aborted;
+    const { signal } = (running.current = new AbortController());
     let shownAt = 0;
     const onProgress = (/** @type {any} */ progress) => {
       if (performance.now() - shownAt < SHOW_EVERY_MS) return;
@@ -29,25 +28,28 @@ export function Verification({ competition }) {
     };
     setState({ progress: { bytes: 0, lines: 0, games: 0 } });
     try {
-      const { signal } = aborted;
       // Few visitors verify: the rest of the page does not wait for the checks.
       const { checkFile } = await import("./file.js");
-      const response = await send(path, { signal });
-      const findings = await checkFile(/** @type {any} */ (response.body), onProgress);
+      const { body } = await send(path, { signal });
+      const findings = await checkFile(/** @type {any} */ (body), onProgress);
       setState({ findings, board: await compare(competition, findings, signal) });
     } catch (problem) {
-      setState(aborted.signal.aborted ? {} : { problem });
+      setState(signal.aborted ? {} : { problem });
     }
   };
   const { progress, findings, problem, board } = state;
+  const entry = (/** @type {"commitment" | "head"} */ name, /** @type {string} */ label) => html`<label class="field">${label}
+    <input value=${given[name]} spellcheck=${false} autocomplete="off" placeholder="64 hexadecimal digits"
+      onInput=${(/** @type {any} */ event) => setGiven({ ...given, [name]: event.target.value.trim().toLowerCase() })} />
+  </label>`;
   return html`
     <p>This page downloads the published file, and checks its hashes, seeds and totals in your browser. It does not ask the server whether they are right.</p>
     ${!globalThis.crypto?.subtle && html`<p class="bad">Browsers compute hashes on pages over https alone. Use the commands below.</p>`}
     <form onSubmit=${(/** @type {Event} */ event) => (event.preventDefault(), verify())}>
       <details>
         <summary>Compare with what was published elsewhere</summary>
-        <${Given} label="The commitment that was published at the beginning" value=${given.commitment} set=${(commitment) => setGiven({ ...given, commitment })} />
-        <${Given} label="The head of the file that was published after the end" value=${given.head} set=${(head) => setGiven({ ...given, head })} />
+        ${entry("commitment", "The commitment that was published at the beginning")}
+        ${entry("head", "The head of the file that was published after the end")}
       </details>
       <p class="buttons">
         <button type="submit" class="primary" disabled=${Boolean(progress) || !globalThis.crypto?.subtle}>Verify</button>
@@ -75,27 +77,13 @@ export function Verification({ competition }) {
   `;
 }
 
-/** @param {{label: string, value: string, set: (value: string) => void}} props */
-const Given = ({ label, value, set }) => html`<label class="field">
-  ${label}
-  <input value=${value} spellcheck=${false} autocomplete="off" placeholder="64 hexadecimal digits" onInput=${(/** @type {any} */ event) => set(event.target.value.trim().toLowerCase())} />
-</label>`;
-
-/**
- * Compares the board on this page with that of the file.
- * @param {any} competition @param {import("./file.js").Findings} findings @param {AbortSignal} signal
- */
+/** Compares the board on this page with that of the file. @param {any} competition @param {import("./file.js").Findings} findings @param {AbortSignal} signal */
 async function compare(competition, findings, signal) {
   const inFile = new Map(findings.rows.map((row) => [row.entrant, row]));
-  const compared = { rows: 0, differ: 0 };
-  await eachPage(route`/api/v1/competitions/${competition.id}/board`, {}, signal, ({ items }) => {
-    for (const { entrant, rank, total } of items) {
-      const row = inFile.get(entrant.id);
-      compared.rows += 1;
-      if (!row || row.rank !== rank || row.total !== total) compared.differ += 1;
-    }
-  });
-  return compared;
+  const rows = [];
+  await eachPage(route`/api/v1/competitions/${competition.id}/board`, {}, signal, ({ items }) => void rows.push(...items));
+  const differs = ({ entrant, rank, total }) => inFile.get(entrant.id)?.rank !== rank || inFile.get(entrant.id)?.total !== total;
+  return { rows: rows.length, differ: rows.filter(differs).length };
 }
 
 /** @param {{findings: import("./file.js").Findings, board: {rows: number, differ: number}, competition: any, given: {commitment: string, head: string}}} props */
@@ -107,17 +95,18 @@ function Result({ findings, board, competition, given }) {
     given.head && [findings.head === given.head, "The head of the file is the one that you entered."],
   ].filter(Boolean);
   const isGood = compared.every(([holds]) => holds);
+  const { lines, games, entrants, head } = findings;
   return html`<div role="status" class="result">
     <h3 class=${isGood ? "good" : "bad"}>${isGood ? "✓ The file passes" : "✗ The file passes in itself, but differs from what was published"}</h3>
     <ul>
-      <li>✓ ${findings.lines.toLocaleString("en")} lines: every hash covers the line before it, none was changed.</li>
+      <li>✓ ${lines.toLocaleString("en")} lines: every hash covers the line before it, none was changed.</li>
       <li>✓ Salt and seeds give the commitment.</li>
-      <li>✓ ${findings.games} ${findings.games === 1 ? "game was" : "games were"} played on the sealed seeds of ${findings.games === 1 ? "its place" : "their places"}, each with a whole journal.</li>
-      <li>✓ Totals and ranks of ${findings.entrants} entrants follow from the scores of their games.</li>
+      <li>✓ ${games} ${games === 1 ? "game was" : "games were"} played on the sealed seeds of ${games === 1 ? "its place" : "their places"}, each with a whole journal.</li>
+      <li>✓ Totals and ranks of ${entrants} entrants follow from the scores of their games.</li>
       ${compared.map(([holds, text]) => html`<li class=${holds ? "" : "bad"}>${holds ? "✓ " : "✗ Not so: "}${text}</li>`)}
       ${!given.commitment && html`<li class="muted">Not checked: that the commitment is the one of the first day. Enter it above if you noted it.</li>`}
       ${!given.head && html`<li class="muted">Not checked: that nothing was left out. For that compare the head with the one that the organizer published.</li>`}
     </ul>
-    <p>Head of the file: <${Copyable} value=${findings.head} label="the head of the file" /></p>
+    <p>Head of the file: <${Copyable} value=${head} label="the head of the file" /></p>
   </div>`;
 }

@@ -1,6 +1,6 @@
 // Events of rounds, as marks on the curve and as destinations.
-import { useEffect } from "../ui.js";
 import { isLive } from "../parts/game.js";
+import { useLoaded } from "../parts/load.js";
 
 /** @import { Game } from "../parts/game.js" */
 
@@ -14,11 +14,8 @@ export const MARKS = {
   convergence: { sign: "≡", name: "all said the same", kind: "talk" },
 };
 
-/** The maximum number of pages read to find the next mark. */
-const SEARCHED_MAX = 20;
-
-/** The maximum number of pages read only for their marks. */
-const READ_MAX = 10;
+/** The maximum numbers of pages read to find the next mark, and only for their marks. */
+const [SEARCHED_MAX, READ_MAX] = [20, 10];
 
 /** @param {Game} game */
 const pageRounds = (game) => Math.max((game.piece(game.first)?.states.length ?? 2) - 1, 1);
@@ -27,19 +24,13 @@ const pageRounds = (game) => Math.max((game.piece(game.first)?.states.length ?? 
 export const isShort = (game) => (game.last - game.first) / pageRounds(game) <= READ_MAX;
 
 /** Reads all marks of a short game. @param {Game} game */
-export function useAllMarks(game) {
-  useEffect(() => {
-    let isCurrent = isShort(game);
-    const read = async () => {
-      for (let round = game.first; isCurrent && round <= game.last; round += pageRounds(game)) await game.load(round);
-    };
-    // A page that cannot be read now is read when it is shown.
-    read().catch(() => {});
-    return () => {
-      isCurrent = false;
-    };
+export const useAllMarks = (game) =>
+  useLoaded(async (signal) => {
+    for (let round = game.first; isShort(game) && !signal.aborted && round <= game.last; round += pageRounds(game)) await game.load(round);
   }, [game]);
-}
+
+/** Whether there is a mark after a round or before it, as far as it is known. @param {Game} game @param {number} round @param {1 | -1} direction */
+export const hasMark = (game, round, direction) => !isShort(game) || [...game.marks.keys()].some((at) => (at - round) * direction > 0);
 
 /** Marks as words. @param {string[] | undefined} marks */
 export const inWords = (marks) => (marks ?? []).map((mark) => MARKS[mark]?.name ?? mark).join(", ");
@@ -73,10 +64,7 @@ const REASONS = {
   closed: "Its competition closed",
 };
 
-/**
- * The status of a game, in a sentence.
- * @param {{head: {status: string, rounds: number}, summary: any}} game
- */
+/** The status of a game, in a sentence. @param {{head: {status: string, rounds: number}, summary: any}} game */
 export function standing({ head, summary }) {
   // A file may have only a part of the rounds.
   const count = summary?.result?.rounds ?? head.rounds;

@@ -34,7 +34,7 @@ export function Metrics({ game, round }) {
     ${shown.map(
       (name, index) => html`<div>
         <div class="metric-head">
-          <select aria-label=${`Metric ${index + 1}`} onChange=${(/** @type {any} */ event) => choose(index, event.currentTarget.value)}>
+          <select aria-label=${`Metric ${index + 1}`} onChange=${(event) => choose(index, event.currentTarget.value)}>
             ${names.map((one) => html`<option value=${one} selected=${one === name}>${inWords(one)}</option>`)}
           </select>
           <span class="number">${short(piece.metrics[name][round - piece.from])}</span>

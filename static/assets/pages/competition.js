@@ -1,110 +1,92 @@
-// A competition: its phases, standings, rules and entrants; entering it, playing it, and checking it after its end.
+// A competition: what its reader can do now, its rules, standings and entrants, and checking it after its end.
 import { html, useEffect, useState } from "../ui.js";
-import { key, onRemembered, request, route, send } from "../api.js";
-import { Announcements } from "../competition/announcements.js";
-import { Attempts } from "../competition/attempts.js";
-import { Enter } from "../competition/enter.js";
-import { Entrants } from "../competition/entrants.js";
-import { Commitment, Rules } from "../competition/facts.js";
-import { OwnEntrant } from "../competition/own.js";
-import { Phases } from "../competition/phases.js";
-import { Practice } from "../competition/practice.js";
-import { Prose } from "../competition/prose.js";
-import { Standings } from "../competition/standings.js";
-import { Terms } from "../competition/terms.js";
-import { Verification } from "../competition/verification.js";
-import { openKeyDialog } from "../parts/header.js";
-import { useLoaded } from "../parts/load.js";
+import { key, onRemembered, request, route, send, withQuery } from "../api.js";
+import { Announcements, Commitment, Moments, Phase, Prose, Rules } from "../competition/about.js";
+import { TakePart } from "../competition/part.js";
+import { Entrants, Standings } from "../competition/standings.js";
+import { holder } from "../parts/caller.js";
+import { Below, Part, useLoaded } from "../parts/load.js";
 import { Actions, firstEnds } from "../parts/organizers.js";
 import { usePages } from "../parts/pages.js";
-import { ProblemNote } from "../parts/problem.js";
+import { Waiting } from "../parts/problem.js";
+import { useTitle } from "../parts/query.js";
 import { Text, visible } from "../parts/text.js";
 
 const REFRESH_MS = 20_000;
 
+/** The number of entrants that are shown at first, and with each request for more. */
+const ROWS = 25;
+
 /** @param {{id: string}} props */
 export function Page({ id }) {
-  const { value, problem, reload } = useLoaded((signal) => load(id, signal), [id], REFRESH_MS);
-  const name = value?.competition.name;
-  useEffect(() => {
-    document.title = name ? `${visible(name)} · Competition` : "Competition";
-  }, [name]);
-  if (!value) {
-    return problem
-      ? html`<h1>Competition</h1><${ProblemNote} problem=${problem} retry=${reload} what="This competition" />`
-      : html`<p class="muted" role="status">Loading …</p>`;
-  }
+  const [ownKey, setOwnKey] = useState(key());
+  useEffect(() => onRemembered(() => setOwnKey(key())), []);
+  const loaded = useLoaded((signal) => load(id, signal), [id, ownKey], REFRESH_MS);
+  const { value, problem, reload } = loaded;
+  // The section of a link is on the page once this is loaded.
+  useEffect(() => void (value && location.hash && document.getElementById(location.hash.slice(1))?.scrollIntoView()), [!value]);
+  useTitle(value && `${visible(value.competition.name)}: competition`);
+  if (!value) return html`<h1>Competition</h1><${Waiting} of=${loaded} what="This competition" />`;
   return html`<${Competition} key=${id} ...${value} isLost=${Boolean(problem)} reload=${reload} />`;
 }
 
-/** @param {{competition: any, aheadMs: number, isLost: boolean, reload: () => void}} props isLost: the server does not answer any more */
-function Competition({ competition, aheadMs, isLost, reload }) {
-  const entrants = usePages(route`/api/v1/competitions/${competition.id}/entrants`);
+/**
+ * @param {{competition: any, aheadMs: number, reader: import("../competition/part.js").Reader, isLost: boolean, reload: () => void}} props
+ *   isLost: the server does not answer any more
+ */
+function Competition({ competition, aheadMs, reader, isLost, reload }) {
+  const entrants = usePages(withQuery(route`/api/v1/competitions/${competition.id}/entrants`, { limit: ROWS }));
   const actions = usePages(route`/api/v1/competitions/${competition.id}/actions`, REFRESH_MS);
   const announcements = usePages(`${route`/api/v1/competitions/${competition.id}/announcements`}?limit=10`, REFRESH_MS);
   const [changes, setChanges] = useState(0);
-  const names = new Map(entrants.items.map((one) => [one.id, one.name]));
+  const names = new Map([...entrants.items, ...reader.own].map((one) => [one.id, one.name]));
   // A cancelled competition is revealed, too, but its phase stays.
   const isRevealed = Boolean(competition.revealed_at);
   const changed = () => {
     setChanges((changes) => changes + 1);
+    reload();
     entrants.reload();
   };
-  const part = html`<${TakePart} competition=${competition} entrants=${entrants.items} changes=${changes} changed=${changed} reload=${reload} />`;
+  const section = (/** @type {string} */ id, /** @type {string} */ title, /** @type {any} */ content) =>
+    html`<section aria-labelledby=${id}><h2 id=${id}>${title}</h2>${content}</section>`;
+  const standings = section("standings", "Standings", html`<${Standings} competition=${competition} own=${reader.own} key=${`${competition.phase} ${changes}`} />`);
+  const { terms } = competition;
   return html`
     <h1><${Text} value=${competition.name} /></h1>
     ${isLost && html`<p class="bad" role="status">The server does not answer. What is shown may be out of date.</p>`}
-    <${Phases} competition=${competition} aheadMs=${aheadMs} firstEnds=${firstEnds(actions.items)} />
-    <${Prose} text=${competition.description.trim()} label="Description" />
+    <${Phase} competition=${competition} aheadMs=${aheadMs} />
+    <${TakePart} competition=${competition} reader=${reader} changed=${changed} reload=${reload} />
     <${Announcements} list=${announcements} />
-    <section aria-labelledby="standings"><h2 id="standings">Standings</h2><${Standings} competition=${competition} key=${`${competition.phase} ${changes}`} /></section>
-    ${competition.terms && html`<${Terms} terms=${competition.terms} />`}
-    ${!isRevealed && part}
-    <section aria-labelledby="rules"><h2 id="rules">How it is played</h2><${Rules} competition=${competition} /></section>
-    <section aria-labelledby="entrants"><h2 id="entrants">Entrants</h2><${Entrants} list=${entrants} hasCategories=${competition.categories.length > 0} /></section>
-    <section aria-labelledby="actions"><h2 id="actions">What organizers did</h2><${Actions} list=${actions} names=${names} /></section>
-    <section aria-labelledby="commitment"><h2 id="commitment">Commitment</h2><${Commitment} competition=${competition} /></section>
-    ${isRevealed &&
-    html`${key() && part}
-      <section aria-labelledby="verify"><h2 id="verify">Check the results</h2><${Verification} competition=${competition} /></section>`}
+    ${isRevealed && standings}
+    <section aria-labelledby="rules">
+      <h2 id="rules">How it is played</h2>
+      <${Prose} text=${competition.description.trim()} label="Description" />
+      <${Moments} competition=${competition} firstEnds=${firstEnds(actions.items)} />
+      <${Rules} competition=${competition} />
+    </section>
+    ${!isRevealed && standings}
+    ${terms && section("terms", `Terms, version ${terms.version}`, html`<${Prose} text=${terms.text} label="The text of the terms" />`)}
+    ${section("entrants", "Entrants", html`<${Entrants} list=${entrants} hasCategories=${competition.categories.length > 0} own=${reader.own} />`)}
+    ${section("actions", "What organizers did", html`<${Actions} list=${actions} names=${names} />`)}
+    ${section("commitment", "Commitment", html`<${Commitment} competition=${competition} />`)}
+    ${isRevealed && section("verify", "Check the results", html`<${Below}><${Part} read=${() => import("../competition/verification.js")} name="Verification" props=${{ competition }} /><//>`)}
   `;
 }
 
 /** @param {string} id @param {AbortSignal} signal */
 async function load(id, signal) {
-  const response = await send(route`/api/v1/competitions/${id}`, { signal });
-  const at = Date.parse(response.headers.get("date") ?? "");
+  const path = route`/api/v1/competitions/${id}`;
+  const response = await send(path, { signal });
+  const aheadMs = Date.now() - Date.parse(response.headers.get("date") ?? "") || 0;
   const competition = await response.json();
-  return { competition, aheadMs: Number.isNaN(at) ? 0 : Date.now() - at };
+  return { competition, aheadMs, reader: await readerOf(path, competition, signal) };
 }
 
-/**
- * Entering and playing, with or without a key.
- * @param {{competition: any, entrants: any[], changes: number, changed: () => void, reload: () => void}} props changes: how many were made here
- */
-function TakePart({ competition, entrants, changes, changed, reload }) {
-  const [ownKey, setOwnKey] = useState(key());
-  const [erased, setErased] = useState("");
-  useEffect(() => onRemembered(() => setOwnKey(key())), []);
-  const mayEnter = competition.phase === "announced" || competition.phase === "open";
-  return html`<section aria-labelledby="part">
-    <h2 id="part">${mayEnter ? "Take part" : "My attempts"}</h2>
-    <div role="status">${erased && html`<p class="good"><${Text} value=${erased} /> was erased.</p>`}</div>
-    ${ownKey
-      ? html`<${Own} key=${ownKey} competition=${competition} entrants=${entrants} changes=${changes} changed=${changed} erased=${setErased} />`
-      : html`<p>If you have entered already, <button type="button" onClick=${openKeyDialog}>enter your key</button> to see your attempts.</p>`}
-    ${mayEnter && html`<${Enter} competition=${competition} entered=${changed} reload=${reload} />`}
-  </section>`;
-}
-
-const ATTEMPTS_REFRESH_MS = 5000;
-
-/** @param {{competition: any, entrants: any[], changes: number, changed: () => void, erased: (name: string) => void}} props */
-function Own({ competition, entrants, changes, changed, erased }) {
-  const list = usePages(route`/api/v1/competitions/${competition.id}/attempts`, ATTEMPTS_REFRESH_MS);
-  const own = useLoaded((signal) => request(`${route`/api/v1/competitions/${competition.id}/entrants`}?own=true`, { signal }), [competition.id, changes], REFRESH_MS);
-  return html`<${Attempts} competition=${competition} list=${list} entrants=${entrants} />
-    ${own.value && html`<${Practice} competition=${competition} entrants=${own.value.items} />`}
-    ${own.value && html`<${OwnEntrant} competition=${competition} entrants=${own.value.items} changed=${changed} erased=${erased} />`}
-    <p class="muted small">An organizer's key shows the attempts of all entrants, and manages them <a href=${`/desk?view=competition&id=${encodeURIComponent(competition.id)}`}>at the desk</a>.</p>`;
+/** @param {string} path @param {any} competition @param {AbortSignal} signal @returns {Promise<import("../competition/part.js").Reader>} */
+async function readerOf(path, competition, signal) {
+  if (!key()) return { role: "none", own: [] };
+  const { items: own } = await request(`${path}/entrants?own=true`, { signal });
+  // Before the end the whole board is for organizers and judges: nobody else is asked for more. Afterwards it is everybody's.
+  const oversees = !competition.revealed_at && (await request(`${path}/board?limit=1`, { signal })).shows === "all";
+  return { role: oversees ? (await holder()).role : "other", own };
 }

@@ -1,13 +1,15 @@
 // All games that the reader may see, running ones first.
 import { html, useState } from "../ui.js";
 import { route, withQuery } from "../api.js";
-import { short } from "../parts/chart.js";
-import { Choice, Exact } from "../parts/filters.js";
-import { More, usePages } from "../parts/pages.js";
-import { ProblemNote } from "../parts/problem.js";
-import { useQuery, useTitle } from "../parts/query.js";
+import { Sparkline, alike } from "../parts/chart.js";
+import { Check, Choice, Filters, Model, fits, useFilters } from "../parts/filters.js";
+import { Items, ListTable } from "../parts/listed.js";
+import { More, usePages, useReadOn } from "../parts/pages.js";
+import { useTitle } from "../parts/query.js";
+import { Status } from "../parts/status.js";
+import { SortHead } from "../parts/table.js";
 import { TASKS } from "../parts/tasks.js";
-import { Text } from "../parts/text.js";
+import { Name, Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
 
 const STATUSES = ["waiting", "running", "finished", "aborted", "abandoned"];
@@ -21,88 +23,110 @@ const COMPARED = 2;
 /** The number of games per page. */
 const PAGE_ITEMS = 50;
 
-/** The filters of the address. */
-const FILTERS = ["task", "status", "model", "run"];
+/** The pages that are read by themselves where filters leave them empty: a sorted list looks at some games for each. */
+const EMPTY_MAX = 8;
 
 export function Page() {
-  const [query, change] = useQuery();
-  const filters = Object.fromEntries(FILTERS.map((name) => [name, query.get(name) ?? ""]));
+  const filters = useFilters(["task", "status", "model", "run", "people"]);
+  const [typed, setTyped] = useState("");
   const [chosen, setChosen] = useState(/** @type {string[]} */ ([]));
   useTitle("Games");
+  const sort = filters.query.get("sort") || "newest";
   /** @param {string} id */
-  const choose = (id) => setChosen((chosen) => (chosen.includes(id) ? chosen.filter((one) => one !== id) : [...chosen, id].slice(-COMPARED)));
-  const isOfAll = filters.status === "";
+  const choose = (id) => setChosen(chosen.includes(id) ? chosen.filter((one) => one !== id) : [...chosen, id].slice(-COMPARED));
+  const props = { filters, typed, sort, chosen, choose };
   return html`
     <h1>Games</h1>
-    <div class="buttons" role="search" aria-label="Filters">
-      <${Choice} label="Task" value=${filters.task} options=${TASKS} onChange=${(/** @type {string} */ value) => change({ task: value })} />
-      <${Choice} label="Status" value=${filters.status} options=${STATUSES} onChange=${(/** @type {string} */ value) => change({ status: value })} />
-      <${Exact} label="Model" value=${filters.model} onChange=${(/** @type {string} */ value) => change({ model: value })} />
+    <${Filters} filters=${filters}>
+      <${Choice} label="Task" options=${TASKS} ...${filters.of("task")} />
+      <${Choice} label="Status" options=${STATUSES} ...${filters.of("status")} />
+      <${Model} onType=${setTyped} ...${filters.of("model")} />
+      <${Check} label="With people" ...${filters.of("people")} />
       <a href="/imports">Imported games</a>
-    </div>
-    <p class="buttons" aria-live="polite">
+    <//>
+    ${chosen.length > 0 &&
+    html`<p class="buttons stays" aria-live="polite">
       ${chosen.length === COMPARED
-        ? html`<a href=${withQuery("/compare", { a: chosen[0], b: chosen[1] })}>Compare the two chosen games</a> <button type="button" class="quiet" onClick=${() => setChosen([])}>Choose others</button>`
-        : html`<span class="muted">${chosen.length ? "Choose one more to compare the two." : "Choose two to compare them."}</span>`}
-    </p>
-    ${isOfAll && html`<${Live} filters=${filters} chosen=${chosen} onChoose=${choose} />`}
-    <${All} filters=${filters} chosen=${chosen} onChoose=${choose} />
+        ? html`<a href=${withQuery("/compare", { a: chosen[0], b: chosen[1] })}>Compare the two chosen games</a>
+            <button type="button" class="quiet" onClick=${() => setChosen([])}>Choose others</button>`
+        : html`<span class="muted">Choose one more to compare the two.</span>`}
+    </p>`}
+    ${filters.values.status === "" && html`<${Live} ...${props} />`}
+    <${All} ...${props} />
   `;
 }
 
-/** @typedef {{filters: Record<string, string>, chosen: string[], onChoose: (id: string) => void}} Props */
+/** @typedef {{filters: ReturnType<typeof useFilters>, typed: string, sort: string, chosen: string[], choose: (id: string) => void}} Props */
 
 /** Games that run now; nothing where there are none. @param {Props} props */
-function Live({ filters, chosen, onChoose }) {
-  const list = usePages(withQuery("/api/v1/episodes", { ...filters, status: "running", limit: PAGE_ITEMS }), LIVE_MS);
-  if (!list.items.length) return null;
-  return html`<h2>Live</h2><${Games} games=${list.items} label="Live games" chosen=${chosen} onChoose=${onChoose} /><${More} list=${list} />`;
+function Live({ filters, typed, ...props }) {
+  const list = usePages(withQuery("/api/v1/episodes", { ...filters.values, status: "running", limit: PAGE_ITEMS }), LIVE_MS);
+  const items = list.items.filter((game) => fits(game.model, typed));
+  if (items.length === 0) return null;
+  return html`<h2>Live</h2>
+    <${Items} label="Live games" items=${items} header=${-1} columns=${columnsOf(items, props)} />
+    <${More} list=${list} />`;
 }
 
 /** @param {Props} props */
-function All({ filters, chosen, onChoose }) {
-  const isOfAll = filters.status === "";
-  const address = withQuery("/api/v1/episodes", { ...filters, limit: PAGE_ITEMS });
-  const list = usePages(address, isOfAll || filters.status === "running" ? LIVE_MS : undefined);
-  const games = list.value && list.items.filter((game) => !isOfAll || game.status !== "running");
+function All({ filters, typed, ...props }) {
+  const { values, isFiltered, change } = filters;
+  const [isNewest, isOfAll] = [props.sort === "newest", values.status === ""];
+  const asked = { ...values, sort: isNewest ? null : props.sort, curves: true, limit: PAGE_ITEMS };
+  const mayRun = isOfAll || values.status === "running";
+  const list = usePages(withQuery("/api/v1/episodes", asked), isNewest && mayRun ? LIVE_MS : undefined);
+  useReadOn(list, list.items.length === 0 && list.pages < EMPTY_MAX);
+  const items = list.items.filter((game) => (!isOfAll || game.status !== "running") && fits(game.model, typed));
+  const none = isFiltered || typed ? "No game fits these filters. Choose others." : html`<${None} />`;
+  const columns = columnsOf(items, props, (sort) => change({ sort }));
   return html`
-    <h2>${isOfAll ? "Ended and waiting" : filters.status}</h2>
-    ${list.problem && html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`}
-    ${!games && !list.problem && html`<p class="muted" role="status">Loading …</p>`}
-    ${games && games.length === 0 && !list.hasMore && html`<${Empty} isFiltered=${Object.values(filters).some(Boolean)} />`}
-    ${games && games.length > 0 && html`<${Games} games=${games} label="Games" chosen=${chosen} onChoose=${onChoose} />`}
-    <${More} list=${list} />
+    <h2>${isOfAll ? "Ended and waiting" : values.status[0].toUpperCase() + values.status.slice(1)}</h2>
+    ${typed &&
+    html`<p class="muted" role="status">
+      ${items.length} of the ${list.items.length} games below fit “<${Text} value=${typed} />”. A whole name looks through all games.
+    </p>`}
+    <${ListTable} label="Games" list=${{ ...list, items }} columns=${columns} header=${-1}
+      empty=${list.hasMore ? "None of the games that were looked at fits. There are more." : none} />
   `;
 }
 
-/** @param {{isFiltered: boolean}} props */
-const Empty = ({ isFiltered }) =>
-  isFiltered
-    ? html`<p class="empty">No game fits these filters. Choose others.</p>`
-    : html`<p class="empty">No game has ended yet, or none that can be read without a key. <a href="/play">Play one</a>, or start one with <code>swarmbench play --task Pursuit</code>.</p>`;
+const None = () => html`No game has ended yet, or none that can be read without a key: those of <a href="/competitions">competitions</a> are sealed
+  while they are open. <a href="/play">Play one</a>, or start one with <code>swarmbench play --task Pursuit</code>.`;
 
-/** @param {{games: any[], label: string, chosen: string[], onChoose: (id: string) => void}} props */
-const Games = ({ games, label, chosen, onChoose }) => html`<div class="scroll" tabindex="0" role="region" aria-label=${label}>
-  <table>
-    <thead>
-      <tr>
-        <th scope="col">Compare</th><th scope="col">Game</th><th scope="col">Model</th><th scope="col" class="number">Seed</th>
-        <th scope="col" class="number">Score</th><th scope="col" class="number">Round</th><th scope="col">Status</th><th scope="col">Created</th>
-      </tr>
-    </thead>
-    <tbody>
-      ${games.map(
-        (game) => html`<tr key=${game.id}>
-          <td><input type="checkbox" aria-label=${`Compare ${game.task} ${game.id}`} checked=${chosen.includes(game.id)} onChange=${() => onChoose(game.id)} /></td>
-          <td><a href=${route`/episodes/${game.id}`}>${game.task}<span class="unseen"> ${game.id}</span></a></td>
-          <td><${Text} value=${game.model} /></td>
-          <td class="number">${game.config?.seed ?? "–"}</td>
-          <td class="number">${short(game.score)}</td>
-          <td class="number">${game.round}/${game.config?.max_round ?? "–"}</td>
-          <td>${game.void_reason ? "voided" : game.status}</td>
-          <td><${Time} value=${game.created_at} /></td>
-        </tr>`,
-      )}
-    </tbody>
-  </table>
-</div>`;
+/**
+ * The columns of games; these are sorted by the server, and have their courses, where there is `onSort`.
+ * @param {any[]} games @param {Pick<Props, "sort" | "chosen" | "choose">} props @param {(sort: string) => void} [onSort]
+ */
+function columnsOf(games, { sort, chosen, choose }, onSort) {
+  const score = alike(games.map((game) => game.score));
+  /** @param {string} name @param {string} by @param {string} [back] @param {boolean} [isUp] */
+  const head = (name, by, back = `-${by}`, isUp = false) =>
+    onSort
+      ? html`<${SortHead} name=${name.replace("#", "")} isNumber=${name[0] === "#"} ...${{ by, back, isUp, sort, onSort }} />`
+      : name;
+  const game = ({ id, task, ...game }) =>
+    html`<a href=${route`/episodes/${id}`}>${task}<span class="unseen"> ${id}</span></a> <${Badges} ...${game} />`;
+  const course = ({ curve, score: last }) =>
+    curve?.some(Boolean) && html`<${Sparkline} values=${curve} label=${`Score from 0 to ${score(last)}`} width=${64} />`;
+  const compare = ({ id, task }) =>
+    html`<input type="checkbox" aria-label=${`Compare ${task} ${id}`} checked=${chosen.includes(id)} onChange=${() => choose(id)} />`;
+  return [
+    ["Game", game],
+    ["Model", ({ model }) => html`<${Name} value=${model} />`],
+    [head("#Score", "score"), (game) => score(game.score)],
+    onSort && ["Course", course],
+    [head("#Rounds", "rounds"), (game) => html`${game.round}<span class="muted">/${game.config.max_round}</span>`],
+    [head("#Seed", "seed", "-seed", true), (game) => html`<span class="small">${game.config.seed ?? "–"}</span>`],
+    [head("Created", "newest", "oldest"), (game) => html`<${Time} value=${game.created_at} />`],
+    ["Compare", compare],
+  ];
+}
+
+/** What is special about a game; most are played to their end by one model. */
+const Badges = ({ void_reason, status, people, mixed, fork }) => html`
+  ${void_reason !== null && html`<span class="badge bad" title=${void_reason}>voided</span>`}
+  ${void_reason === null && status !== "finished" && html`<${Status} status=${status} />`}
+  ${people && html` <span class="badge" title="A person takes part, as declared">people</span>`}
+  ${mixed && html` <span class="badge" title="Several holders could take seats">mixed</span>`}
+  ${fork && html` <span class="badge" title="It plays on from a round of another game">fork</span>`}
+`;

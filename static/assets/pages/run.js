@@ -1,35 +1,41 @@
-// A run: its games by task and seed, their progress, and failures.
+// A run: its games by task and seed, their progress, failures, journals and verification, and what its creator can do.
 import { html, useEffect, useState } from "../ui.js";
-import { route } from "../api.js";
+import { Problem, request, route } from "../api.js";
+import { ActButton } from "../parts/act.js";
+import { alike, short } from "../parts/chart.js";
+import { Commands, Secret } from "../parts/copy.js";
 import { Download } from "../parts/download.js";
-import { ProblemNote } from "../parts/problem.js";
-import { Text, LongText, visible } from "../parts/text.js";
-import { Time, duration } from "../parts/time.js";
-import { short } from "../parts/chart.js";
-import { SuiteLink } from "../parts/boards.js";
-import { GameGrid } from "../parts/grid.js";
-import { useRun, useScores } from "../parts/runs.js";
+import { Items } from "../parts/listed.js";
+import { Waiting } from "../parts/problem.js";
 import { useTitle } from "../parts/query.js";
-import { Status, percent, runStatusText } from "../parts/status.js";
-import { Metrics } from "../parts/runmetrics.js";
-import { Failures, Games } from "../run/games.js";
-import { Actions } from "../run/actions.js";
+import { About, GameGrid, Metrics, isFailed, useRun, useScores } from "../parts/run.js";
+import { Status, failuresText, percent, reasonText, roundsText, runStatusText } from "../parts/status.js";
+import { Text, visible } from "../parts/text.js";
+
+/** The number of games listed at first. */
+const LISTED = 50;
+
+/** The intervals between reads of a running run, and of its curves. */
+const POLL_MS = 3000;
+const CURVES_MS = 10_000;
 
 /** @param {{id: string}} props */
 export function Page({ id }) {
-  const loaded = useRun(id);
+  const [isRunning, setIsRunning] = useState(false);
+  const loaded = useRun(id, isRunning ? POLL_MS : undefined);
   const run = loaded.value;
-  const scores = useScores(run?.id, run && `${run.played} ${useTick(run.status === "running")}`);
+  const scores = useScores(id, run?.played, isRunning ? CURVES_MS : undefined);
+  useEffect(() => setIsRunning(run?.status === "running"), [run]);
   useTitle(run && `${visible(run.model)} on ${run.attempt === null ? visible(run.suite.name) : "a competition"}: run`);
-  if (!run) {
-    if (loaded.problem) return html`<h1>Run</h1><${ProblemNote} problem=${loaded.problem} retry=${loaded.reload} what="This run" />`;
-    return html`<h1>Run</h1><p class="muted" role="status">Loading …</p>`;
-  }
+  if (!run) return html`<h1>Run</h1><${Waiting} of=${loaded} what="This run" />`;
   return html`
     <h1><${Text} value=${run.model} /> on ${run.attempt === null ? html`<${Text} value=${run.suite.name} />` : "a competition"}</h1>
     <${Progress} run=${run} />
-    ${(loaded.isLost || loaded.problem) && html`<p class="bad" role="status">The connection is lost. This page tries again by itself.</p>`}
-    ${run.waits_for && html`<p role="status">It waits for a limit of the server before it opens more games: <code><${Text} value=${run.waits_for.name ?? run.waits_for} /></code>.</p>`}
+    ${loaded.problem && html`<p class="bad" role="status">The connection is lost. This page tries again by itself.</p>`}
+    ${run.waits_for &&
+    html`<p role="status">
+      It waits for a limit of the server before it opens more games: <code><${Text} value=${run.waits_for.name ?? run.waits_for} /></code>.
+    </p>`}
     <h2>Games</h2>
     <${GameGrid} run=${run} scores=${scores} />
     <${Failures} run=${run} />
@@ -42,68 +48,145 @@ export function Page({ id }) {
   `;
 }
 
-/** The interval between reads of a running run's curves. */
-const CURVES_MS = 10_000;
-
-/** A number that grows while a run is running and can be seen. @param {boolean} isOn */
-function useTick(isOn) {
-  const [tick, setTick] = useState(0);
-  useEffect(() => {
-    if (!isOn) return;
-    const timer = setInterval(() => document.hidden || setTick((tick) => tick + 1), CURVES_MS);
-    return () => clearInterval(timer);
-  }, [isOn]);
-  return tick;
-}
-
-/** @param {{run: any}} props */
-const Progress = ({ run }) => html`
+const Progress = ({ run: { status, played, planned, voided, total, void_reason } }) => html`
   <p>
-    <${Status} status=${run.status} of="run" /> ${" "}
-    <span role="status">${run.played} of ${run.planned} games played${run.voided > 0 && `, ${run.voided} voided`}</span>
-    ${run.status === "running" && html` <progress value=${run.played} max=${Math.max(run.planned, 1)} aria-label="Games played" />`}
-    ${run.total !== null && html` · total${run.status === "running" && " so far"} <strong class="number">${short(run.total)}</strong>`}
-    <span class="muted"> · ${runStatusText(run.status)}.</span>
+    <${Status} status=${status} of="run" /> ${" "}
+    <span role="status">${played} of ${planned} games played${voided > 0 && `, ${voided} voided`}</span>
+    ${status === "running" && html` <progress value=${played} max=${Math.max(planned, 1)} aria-label="Games played" />`}
+    ${total !== null && html` · total${status === "running" && " so far"} <strong class="number">${short(total)}</strong>`}
+    <span class="muted"> · ${runStatusText(status)}.</span>
   </p>
-  ${run.void_reason !== null && html`<p class="bad">This attempt was voided: <${Text} value=${run.void_reason} />. It is on no board.</p>`}
+  ${void_reason !== null && html`<p class="bad">This attempt was voided: <${Text} value=${void_reason} />. It is on no board.</p>`}
 `;
 
-/** @param {{run: any}} props */
-function About({ run }) {
-  const { suite, acts } = run;
-  const end = run.ended_at ? new Date(run.ended_at).getTime() : null;
-  const facts = [
-    ["Suite", html`<${SuiteLink} run=${run} />, rules ${suite.rules} <span class="mono small">${suite.digest}</span>`],
-    ["Setting", settingText(suite.settings)],
-    ["Started", html`<${Time} value=${run.created_at} />${end && html`, took ${duration(end - new Date(run.created_at).getTime())}`}`],
-    ["Sampling", `temperature ${run.temperature ?? "not declared"}, top p ${run.top_p ?? "not declared"}`],
-    ["Prompt", run.template_digest ? html`own template <code>${run.template_digest}</code>` : "built-in template"],
-    ["Who plays", run.player ? html`the server, built-in player <${Text} value=${run.player} />` : "a client, with the token of the run"],
-    ["Acts", acts.sent > 0 ? `${short(acts.sent)}, ${percent(acts.invalid_share)} invalid, ${percent(acts.timeout_share)} of moves timed out` : "none counted yet; they are counted when a game ends"],
-    ["Tokens", acts.prompt_tokens + acts.completion_tokens > 0 ? `${short(acts.prompt_tokens)} of prompts, ${short(acts.completion_tokens)} of answers` : "none reported"],
-    ["Visible to", run.visibility],
-    ["Id", html`<code>${run.id}</code> (<${Download} href=${route`/api/v1/runs/${run.id}`} name=${`${run.id}.json`}>JSON</${Download}>)`],
-  ];
-  const meta = Object.keys(run.agent_meta).length > 0;
+/** A game with a link to it, if it was opened. */
+const GameLink = ({ game: { task, seed, slot, episode } }) => {
+  const name = seed === null ? `${task}, game ${slot + 1}` : `${task}, seed ${seed}`;
+  return episode ? html`<a href=${route`/episodes/${episode}`}>${name}</a>` : name;
+};
+
+/** The reason why a game ended. */
+const whyOf = ({ reason, status }) => reasonText(reason) || status;
+
+/** The failures of a run: those of answers, and games that did not end as planned. */
+function Failures({ run: { games, status, acts } }) {
+  const failed = games.filter((game) => isFailed(game) || (!game.episode && status !== "running"));
+  const why = failuresText(acts.failures);
+  if (failed.length === 0 && acts.invalid === 0 && acts.timeouts === 0) return null;
+  const reason = (game) =>
+    game.episode
+      ? html`${whyOf(game)}, after ${roundsText(game.round)} with score ${short(game.score)}
+          ${game.void_reason !== null && html`. Voided: <${Text} value=${game.void_reason} />`}`
+      : "never played, counts as 0";
   return html`
-    <h2>About this run</h2>
-    <dl class="facts">${facts.map(([name, value]) => html`<dt>${name}</dt><dd>${value}</dd>`)}</dl>
-    ${meta && html`<details><summary>Declared facts about the player</summary><${LongText} value=${JSON.stringify(run.agent_meta, null, 2)} label="Declared facts" /></details>`}
+    <h2>What failed</h2>
+    <ul>
+      ${acts.invalid > 0 &&
+      html`<li>
+        ${short(acts.invalid)} of ${short(acts.sent)} answers could not be read (${percent(acts.invalid_share)}): their agents did nothing.${" "}
+        ${why && `${why}. `}A game's page shows each.
+      </li>`}
+      ${acts.timeouts > 0 && html`<li>${short(acts.timeouts)} times a clock expired (${percent(acts.timeout_share)} of all moves).</li>`}
+      ${failed.slice(0, LISTED).map((game) => html`<li><${GameLink} game=${game} />: ${reason(game)}</li>`)}
+      ${failed.length > LISTED && html`<li>${failed.length - LISTED} more, in the list below</li>`}
+    </ul>
   `;
 }
 
-/** @param {any} settings */
-const settingText = (settings) =>
-  [
-    `${settings.num_agents} agents`,
-    `${settings.width} × ${settings.height} cells`,
-    `view ${settings.view_size}`,
-    `memory ${settings.memory}`,
-    `${settings.max_round} rounds`,
-    settings.control,
-    settings.noise > 0 && `noise ${settings.noise}`,
-    settings.max_delay > 0 && `delay up to ${settings.max_delay} rounds`,
-    settings.round_deadline_s && `${settings.round_deadline_s} s a round`,
-  ]
-    .filter(Boolean)
-    .join(", ");
+/** @param {{games: any[]}} props */
+function Games({ games }) {
+  const [isOpen, setIsOpen] = useState(false);
+  const [shown, setShown] = useState(LISTED);
+  const { results, text, toggle, isRunning } = useVerified(games);
+  const score = alike(games.map((game) => game.score));
+  const why = (game) => html`${game.reason && whyOf(game)}${game.void_reason !== null && html` (voided: <${Text} value=${game.void_reason} />)`}`;
+  const journal = ({ episode: id }) => id && html`<${Download} href=${route`/api/v1/episodes/${id}/journal`} name=${`${id}.jsonl`}>journal<//>`;
+  const columns = [
+    ["Game", (game) => html`<${GameLink} game=${game} />`],
+    ["Status", (game) => html`<${Status} status=${game.status} />`],
+    ["Why it ended", why],
+    ["#Rounds", (game) => game.round],
+    ["#Score", (game) => score(game.score)],
+    ["Journal", journal],
+    ["Verified", ({ episode }) => results.has(episode) && html`<${Result} ...${results.get(episode)} />`],
+  ];
+  return html`<details onToggle=${(event) => setIsOpen(event.currentTarget.open)}>
+    <summary>${games.length} games with journals and verification</summary>
+    ${isOpen &&
+    html`
+      <p class="buttons">
+        <button type="button" onClick=${toggle}>${isRunning ? "Stop" : "Verify all games"}</button>
+        <span role="status">${text}</span>
+      </p>
+      <${Items} label="Games of the run" items=${games.slice(0, shown)} keyOf=${({ episode, slot }) => episode ?? slot} columns=${columns} />
+      ${shown < games.length && html`<p><button type="button" onClick=${() => setShown(shown + LISTED)}>More</button></p>`}
+    `}
+  </details>`;
+}
+
+const Result = ({ ok, text }) => html`<span class=${ok ? "good" : "bad"}><${Text} value=${text} /></span>`;
+
+/** Has the server play the journals again, one after another. @param {any[]} games */
+function useVerified(games) {
+  const [results, setResults] = useState(/** @type {Map<string, {ok: boolean, text: string}>} */ (new Map()));
+  const [running, setRunning] = useState(/** @type {AbortController | null} */ (null));
+  useEffect(() => () => running?.abort(), [running]);
+  const ended = games.filter((game) => game.episode && game.status !== "running" && game.status !== "waiting");
+  async function start() {
+    const started = new AbortController();
+    setRunning(started);
+    for (const { episode } of ended) {
+      const result = await verify(episode, started.signal);
+      if (started.signal.aborted) return;
+      setResults((results) => new Map(results).set(episode, result));
+    }
+    setRunning(null);
+  }
+  const bad = [...results.values()].filter((result) => !result.ok).length;
+  const text =
+    results.size > 0
+      ? `${results.size - bad} of ${ended.length} verified${bad > 0 ? `, ${bad} not` : ""}`
+      : "The server plays each journal again and checks every hash, act and score.";
+  return { results, text, isRunning: running !== null, toggle: () => (running ? setRunning(null) : void start()) };
+}
+
+/** @param {string} episode @param {AbortSignal} signal */
+async function verify(episode, signal) {
+  try {
+    const { ok, journal_head, problem } = await request(route`/api/v1/episodes/${episode}/verification`, { signal });
+    return { ok, text: ok ? `✓ ${journal_head.slice(0, 12)}` : `✗ ${problem}` };
+  } catch (error) {
+    return { ok: false, text: error instanceof Problem ? error.message : "stopped" };
+  }
+}
+
+/** Actions of a run's creator. @param {{run: any, changed: () => void}} props */
+function Actions({ run, changed }) {
+  const [token, setToken] = useState("");
+  const isRunning = run.status === "running";
+  if (!isRunning && run.player) return null;
+  const replace = async () => setToken((await request(route`/api/v1/runs/${run.id}/token`, { method: "POST" })).swarm_token);
+  const abort = () => request(route`/api/v1/runs/${run.id}`, { method: "DELETE" });
+  return html`
+    <h2>For its creator</h2>
+    <p class="muted">
+      On a server with keys, enter the key with which the run was created. Only then do these work.
+      ${run.attempt !== null && " Only organizers can abort an attempt of a competition."}
+    </p>
+    <div class="buttons">
+      ${!run.player &&
+      html`<${ActButton} label="Replace the token" title="Replace the token of this run?" isDangerous=${false} act=${replace}>
+        <p>The earlier token stops working at once. A client that plays with it is refused until it has the new one.</p>
+      <//>`}
+      ${isRunning &&
+      html`<${ActButton} label="Abort the run" title="Abort this run?" act=${abort} done=${changed}>
+        <p>The run and its open games end. Games that were never played count as 0. This cannot be undone.</p>
+      <//>`}
+    </div>
+    ${token &&
+    html`<${Secret} value=${token} label="New token of the run">
+      <p>The earlier one is revoked. Built-in players resume the run with it, in the environment variable <code>SWARMBENCH_RUN_TOKEN</code>:</p>
+      <${Commands} label="Resume the run" what="the command" lines=${[`swarmbench play --run ${run.id} --server ${location.origin}`]} />
+    <//>`}
+  `;
+}

@@ -1,83 +1,49 @@
 // All runs, newest first.
 import { html } from "../ui.js";
-import { route, withQuery } from "../api.js";
+import { request, route, withQuery } from "../api.js";
 import { SuiteLink } from "../parts/boards.js";
-import { Commands } from "../parts/copy.js";
-import { PAGE_ITEMS, More, usePages } from "../parts/pages.js";
-import { ProblemNote } from "../parts/problem.js";
+import { alike } from "../parts/chart.js";
+import { Copyable } from "../parts/copy.js";
+import { Choice, Filters, Model, Named, useFilters } from "../parts/filters.js";
+import { ListTable } from "../parts/listed.js";
+import { useLoaded } from "../parts/load.js";
+import { PAGE_ITEMS, usePages } from "../parts/pages.js";
+import { useTitle } from "../parts/query.js";
+import { Status } from "../parts/status.js";
 import { Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
-import { short } from "../parts/chart.js";
-import { Status } from "../parts/status.js";
-import { useQuery } from "../parts/query.js";
 
 const POLL_MS = 10_000;
 const STATUSES = ["running", "finished", "aborted", "abandoned", "closed"];
 
 export function Page() {
-  const [query, change] = useQuery();
-  const [status, model, suite] = ["status", "model", "suite"].map((name) => query.get(name) ?? "");
-  const list = usePages(withQuery("/api/v1/runs", { status, model, suite, limit: PAGE_ITEMS }), POLL_MS);
-  /** @param {SubmitEvent} event */
-  const filter = (event) => {
-    event.preventDefault();
-    const form = new FormData(/** @type {HTMLFormElement} */ (event.currentTarget));
-    change({ model: String(form.get("model")).trim(), suite: String(form.get("suite")).trim() });
-  };
+  const filters = useFilters(["status", "model", "suite"]);
+  const list = usePages(withQuery("/api/v1/runs", { ...filters.values, limit: PAGE_ITEMS }), POLL_MS);
+  const builtIn = useLoaded((signal) => request("/api/v1/suites", { signal }), []);
+  const suites = [...new Set([...(builtIn.value?.items ?? []), ...list.items.map((run) => run.suite)].map((suite) => suite.name))];
+  const total = alike(list.items.map((run) => run.total));
+  useTitle("Runs");
+  const columns = [
+    ["Model", ({ id, model }) => html`<a href=${route`/runs/${id}`}><${Text} value=${model} /></a>`],
+    ["Suite", (run) => html`<${SuiteLink} run=${run} />`],
+    ["#Total", (run) => total(run.total)],
+    ["Status", (run) => html`<${Status} status=${run.status} of="run" />${run.void_reason !== null && html` <span class="badge bad">voided</span>`}`],
+    ["#Games", ({ played, planned }) => `${played}/${planned}`],
+    ["Rules", ({ suite }) => suite.rules],
+    ["Started", (run) => html`<${Time} value=${run.created_at} />`],
+  ];
+  const empty = filters.isFiltered
+    ? "No run fits. Names must be complete, and in the same letters."
+    : html`There are no runs yet, or none that can be read without a key. This starts one with built-in players:${" "}
+        <${Copyable} label="the command" value=${`swarmbench play --suite quick --server ${location.origin}`} />`;
   return html`
     <h1>Runs</h1>
     <p class="muted">A run is one model that plays all games of a suite.</p>
-    <form class="buttons" onSubmit=${filter}>
-      <label>Status${" "}
-        <select value=${status} onChange=${(/** @type {any} */ event) => change({ status: event.currentTarget.value })}>
-          <option value="">all</option>
-          ${STATUSES.map((name) => html`<option value=${name}>${name}</option>`)}
-        </select>
-      </label>
-      <label>Model <input name="model" value=${model} placeholder="its whole name" /></label>
-      <label>Suite <input name="suite" value=${suite} placeholder="its whole name" /></label>
-      <button type="submit">Filter</button>
-    </form>
-    ${list.problem && html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`}
-    <${Runs} list=${list} isFiltered=${Boolean(status || model || suite)} />
-    <${More} list=${list} />
+    <${Filters} filters=${filters}>
+      <${Choice} label="Status" options=${STATUSES} ...${filters.of("status")} />
+      <${Model} ...${filters.of("model")} />
+      <${Named} label="Suite" names=${suites} ...${filters.of("suite")} />
+    <//>
+    <${ListTable} label="Runs" list=${list} columns=${columns} empty=${empty} />
   `;
-}
-
-/** @param {{list: ReturnType<typeof usePages>, isFiltered: boolean}} props */
-function Runs({ list, isFiltered }) {
-  if (!list.value) return !list.problem && html`<p class="muted" role="status">Loading …</p>`;
-  if (list.items.length === 0) {
-    return isFiltered
-      ? html`<p class="empty">No run fits. Names must be complete, and in the same letters.</p>`
-      : html`<p class="empty">There are no runs yet, or none that can be read without a key. This starts one with built-in players:</p>
-          <${Commands} label="Command" what="the command" lines=${[`swarmbench play --suite quick --server ${location.origin}`]} />`;
-  }
-  // The first page is read again, and new runs move others to the page after it.
-  const runs = [...new Map(list.items.map((run) => [run.id, run])).values()];
-  return html`<div class="scroll" tabindex="0" role="region" aria-label="Runs">
-    <table>
-      <thead>
-        <tr>
-          ${["Model", "Suite", "Rules", "Status"].map((name) => html`<th scope="col">${name}</th>`)}
-          <th scope="col" class="number">Games</th>
-          <th scope="col" class="number">Total</th>
-          <th scope="col">Started</th>
-        </tr>
-      </thead>
-      <tbody>
-        ${runs.map(
-          (run) => html`<tr key=${run.id}>
-            <th scope="row"><a href=${route`/runs/${run.id}`}><${Text} value=${run.model} /></a></th>
-            <td><${SuiteLink} run=${run} /></td>
-            <td>${run.suite.rules}</td>
-            <td><${Status} status=${run.status} of="run" />${run.void_reason !== null && html` <span class="badge bad">voided</span>`}</td>
-            <td class="number">${run.played}/${run.planned}</td>
-            <td class="number">${short(run.total)}</td>
-            <td><${Time} value=${run.created_at} /></td>
-          </tr>`,
-        )}
-      </tbody>
-    </table>
-  </div>`;
 }

@@ -1,14 +1,14 @@
 // A seat of a game, played by a person, who sees what the agent sees.
 import { html, useEffect, useState } from "../ui.js";
 import { Problem, remember, remembered, request, route } from "../api.js";
-import { useLoaded } from "../parts/load.js";
+import { Part, useLoaded, useTask } from "../parts/load.js";
+import { CODES_HELP } from "../parts/codes.js";
 import { ProblemNote } from "../parts/problem.js";
 import { hasManySeats, useSeat } from "../play/seat.js";
-import { meaningOfMark, outcome } from "../play/sight.js";
-import { Clock, Turn, spoken } from "../play/turn.js";
+import { Clock, Turn } from "../play/turn.js";
+import { spoken } from "../play/words.js";
 import { EnterCode, TakeSeat } from "../play/take.js";
 import { Lobby } from "../play/lobby.js";
-import { Afterwards } from "../play/afterwards.js";
 
 /** @param {{id: string}} props of an episode, or of a run */
 export function Page({ id }) {
@@ -28,14 +28,12 @@ function Play({ id, token, leave }) {
   const seat = useSeat(token);
   const { obs, phase, problem } = seat;
   const episode = obs?.episode ?? (id.startsWith("run_") ? null : id);
-  const summary = useLoaded(
-    (signal) => (episode ? request(route`/api/v1/episodes/${episode}`, { token, signal }) : Promise.resolve(null)),
-    [episode, phase === "over"],
-  ).value;
+  const read = async (/** @type {AbortSignal} */ signal) => (episode ? request(route`/api/v1/episodes/${episode}`, { token, signal }) : null);
+  const summary = useLoaded(read, [episode, phase === "over"]).value;
   useTitle(obs, phase);
 
   if (phase === "failed") return html`<${Failed} problem=${problem} id=${id} leave=${leave} />`;
-  if (phase === "over") return html`<${Afterwards} id=${id} summary=${summary} obs=${obs} leave=${leave} />`;
+  if (phase === "over") return html`<${Part} read=${() => import("../play/afterwards.js")} name="Afterwards" props=${{ id, summary, obs, leave }} />`;
   if (phase === "loading" || (phase === "waiting" && summary?.status === "waiting")) {
     return html`<${Lobby} id=${id} token=${token} summary=${summary} isLost=${seat.isLost} />`;
   }
@@ -70,13 +68,18 @@ function Top({ seat, many, config }) {
         <dd>${phase === "choose" && obs.remaining_ms === null ? "no clock" : html`<${Clock} obs=${obs} seenAt=${seenAt} isOpen=${phase === "choose"} />`}</dd>
       </div>
     </dl>
-    <p class="outcome">${outcome(obs)}</p>
   </div>`;
 }
 
+/** What is drawn in the place of the marks ($) that a task's description speaks of. @type {Record<string, string>} */
+const SIGNS_HELP = {
+  Synchronization: "A dashed ring is a light that is on, a hollow number one that is off, whatever the mark ($) of the text above means.",
+  Foraging: "A dashed ring is an agent that carries food, whatever the mark ($) of the text above means.",
+};
+
 /** @param {{obs: any, control?: string, id: string, leave: () => void}} props */
 function About({ obs, control, id, leave }) {
-  return html`<details class="about" open=${obs.round === 0}>
+  return html`<details open=${obs.round === 0}>
     <summary>The task, and what the signs mean</summary>
     <p>${obs.task.description}</p>
     ${control === "centralized" &&
@@ -87,9 +90,9 @@ function About({ obs, control, id, leave }) {
     </p>`}
     <p>
       <b>me</b> is your agent, a number another one. Crossed lines are outside of the map, grey is wall. Rows count downwards, columns
-      to the right.${meaningOfMark(obs.task.name) && " A dashed ring around a number is the mark ($) of the text above."}
+      to the right. ${SIGNS_HELP[obs.task.name] ?? ""}
     </p>
-    <p>Keys: arrows and <kbd>S</kbd> choose, <kbd>Enter</kbd> sends, <kbd>M</kbd> goes to the message, <kbd>Esc</kbd> leaves it.</p>
+    <p>An action is sent at once, with the message. Keys: arrows, <kbd>S</kbd> stays, <kbd>M</kbd> goes to the message, <kbd>Enter</kbd> or <kbd>Esc</kbd> leaves it. ${CODES_HELP}</p>
     <p class="buttons">
       <a href="/play">Other games</a>
       <${Abort} id=${id} />
@@ -100,19 +103,16 @@ function About({ obs, control, id, leave }) {
 
 /** Ends a game that was created in this tab. @param {{id: string}} props */
 function Abort({ id }) {
-  const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
+  const { problem, isBusy, run } = useTask();
   const [asked, setAsked] = useState(false);
-  const [isEnding, setEnding] = useState(false);
   const token = remembered(`creator:${id}`);
   if (!token) return null;
   const abort = () => {
     setAsked(false);
-    setEnding(true);
-    const path = id.startsWith("run_") ? route`/api/v1/runs/${id}` : route`/api/v1/episodes/${id}`;
-    request(path, { method: "DELETE", token }).catch(setProblem);
+    run(() => request(id.startsWith("run_") ? route`/api/v1/runs/${id}` : route`/api/v1/episodes/${id}`, { method: "DELETE", token }));
   };
   if (problem) return html`<${ProblemNote} problem=${problem} />`;
-  if (isEnding) return html`<span role="status">The game is being ended …</span>`;
+  if (isBusy) return html`<span role="status">The game is being ended …</span>`;
   return asked
     ? html`<span>End it for everybody?</span> <button type="button" class="danger" onClick=${abort}>End the game</button>
         <button type="button" onClick=${() => setAsked(false)}>Play on</button>`
@@ -129,6 +129,6 @@ function Failed({ problem, id, leave }) {
     </p>
     <p class="buttons">
       <button type="button" class="primary" onClick=${leave}>Take a seat again</button>
-      <a href=${`/episodes/${encodeURIComponent(id)}`}>The game</a> <a href="/play">Other games</a>
+      <a href=${route`/episodes/${id}`}>The game</a> <a href="/play">Other games</a>
     </p>`;
 }

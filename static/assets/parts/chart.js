@@ -8,19 +8,13 @@ import { color, dashes } from "./colors.js";
  * @param {(index: number) => number} x
  * @param {(value: number) => number} y
  */
-export function linePath(values, x, y) {
-  let path = "";
-  let isOpen = false;
-  values.forEach((value, index) => {
-    if (value === null || value === undefined) {
-      isOpen = false;
-      return;
-    }
-    path += `${isOpen ? "L" : "M"}${x(index).toFixed(2)} ${y(value).toFixed(2)}`;
-    isOpen = true;
-  });
-  return path;
-}
+export const linePath = (values, x, y) =>
+  values
+    .map((value, index) => (isKnown(value) ? `${isKnown(values[index - 1]) ? "L" : "M"}${x(index).toFixed(2)} ${y(value).toFixed(2)}` : ""))
+    .join("");
+
+/** @param {number | null | undefined} value @returns {value is number} */
+const isKnown = (value) => value !== null && value !== undefined;
 
 /**
  * The path of a line in steps: a value stays until the next one.
@@ -28,7 +22,8 @@ export function linePath(values, x, y) {
  * @param {(at: number) => number} x
  * @param {(value: number) => number} y
  */
-export const stepPath = (points, x, y) => points.map(([at, value], index) => `${index ? "H" : "M"}${x(at).toFixed(1)}${index ? "V" : " "}${y(value).toFixed(1)}`).join("");
+export const stepPath = (points, x, y) =>
+  points.map(([at, value], index) => `${index ? "H" : "M"}${x(at).toFixed(1)}${index ? "V" : " "}${y(value).toFixed(1)}`).join("");
 
 /**
  * Lowest and highest of values, never equal.
@@ -36,25 +31,23 @@ export const stepPath = (points, x, y) => points.map(([at, value], index) => `${
  * @returns {[number, number]}
  */
 export function extent(values) {
-  let [low, high] = [Infinity, -Infinity];
-  for (const value of values) {
-    if (value === null || value === undefined) continue;
-    low = Math.min(low, value);
-    high = Math.max(high, value);
-  }
-  if (low > high) return [0, 1];
+  const known = values.filter(isKnown);
+  const low = known.reduce((low, value) => Math.min(low, value), Infinity);
+  const high = known.reduce((high, value) => Math.max(high, value), -Infinity);
+  if (low > high || (low === 0 && high === 0)) return [0, 1];
   return low === high ? [low - 0.5, high + 0.5] : [low, high];
 }
+
+/** Moves values of one range evenly to another. @param {[number, number]} from @param {[number, number]} to */
+const scaled = ([low, high], [first, last]) => (/** @type {number} */ value) => first + ((value - low) / (high - low)) * (last - first);
 
 /**
  * A line without axes, as large as a word.
  * @param {{values: (number | null)[], label: string, range?: [number, number], width?: number, height?: number}} props
  */
-export function Sparkline({ values, label, range, width = 96, height = 24 }) {
-  const [low, high] = range ?? extent(values);
-  const last = Math.max(values.length - 1, 1);
-  const x = (/** @type {number} */ index) => 1 + (index / last) * (width - 2);
-  const y = (/** @type {number} */ value) => height - 2 - ((value - low) / (high - low)) * (height - 4);
+export function Sparkline({ values, label, range = extent(values), width = 96, height = 24 }) {
+  const x = scaled([0, Math.max(values.length - 1, 1)], [1, width - 1]);
+  const y = scaled(range, [height - 2, 2]);
   return html`<svg class="sparkline" viewBox=${`0 0 ${width} ${height}`} width=${width} height=${height} role="img" aria-label=${label}>
     <path d=${linePath(values, x, y)} fill="none" stroke="currentColor" stroke-width="1.5" />
   </svg>`;
@@ -66,51 +59,49 @@ export function Sparkline({ values, label, range, width = 96, height = 24 }) {
  *   band?: [number, number] | null}} props
  */
 export function Interval({ mean, low, high, range, label, width = 140, band = null }) {
-  const x = (/** @type {number} */ value) => 4 + ((value - range[0]) / (range[1] - range[0])) * (width - 8);
+  const at = scaled(range, [4, width - 4]);
+  // A bar that begins below the scale is cut off there, without an end.
+  const x = (/** @type {number} */ value) => at(Math.max(value, range[0]));
+  const end = (/** @type {number} */ value) => html`<line x1=${x(value)} x2=${x(value)} y1="4" y2="12" class="bar-end" />`;
   return html`<svg class="interval" viewBox=${`0 0 ${width} 16`} width=${width} height="16" role="img" aria-label=${label}>
     ${band && html`<rect x=${x(band[0])} width=${Math.max(x(band[1]) - x(band[0]), 1)} y="0" height="16" class="band" />`}
-    <line x1="0" x2=${width} y1="8" y2="8" class="axis" />
+    <line x1=${x(range[0])} x2=${x(range[1])} y1="8" y2="8" class="axis" />
     <line x1=${x(low)} x2=${x(high)} y1="8" y2="8" class="bar" />
-    <line x1=${x(low)} x2=${x(low)} y1="4" y2="12" class="bar-end" />
-    <line x1=${x(high)} x2=${x(high)} y1="4" y2="12" class="bar-end" />
+    ${low >= range[0] && end(low)}${end(high)}
     <circle cx=${x(mean)} cy="8" r="3.5" class="mean" />
   </svg>`;
 }
 
 /**
- * Lines over one axis, with their names and values in a legend.
- * @param {{series: {name: string, values: (number | null)[], dim?: boolean}[], label: string, width?: number,
- *   height?: number, from?: number, every?: number, at?: number | null}} props
+ * Lines over one axis, with their names in a legend.
+ * @param {{series: {name: string, values: (number | null)[]}[], label: string, width?: number, height?: number, every?: number}} props
  */
-export function LineChart({ series, label, width = 560, height = 180, from = 0, every = 1, at = null }) {
+export function LineChart({ series, label, width = 560, height = 180, every = 1 }) {
   const [low, high] = extent(series.flatMap((one) => one.values));
-  const count = Math.max(...series.map((one) => one.values.length), 2);
-  const [left, right, top, bottom] = [44, 8, 8, 20];
-  const x = (/** @type {number} */ index) => left + (index / (count - 1)) * (width - left - right);
-  const y = (/** @type {number} */ value) => height - bottom - ((value - low) / (high - low)) * (height - top - bottom);
+  const last = Math.max(...series.map((one) => one.values.length), 2) - 1;
+  const [left, right, top, bottom] = [44, width - 8, 8, height - 20];
+  const x = scaled([0, last], [left, right]);
+  const y = scaled([low, high], [bottom, top]);
   const ticks = [low, (low + high) / 2, high];
+  const text = alike(ticks);
+  const line = (/** @type {number} */ index, /** @type {string} */ path, /** @type {number} */ thickness) =>
+    html`<path d=${path} fill="none" stroke=${color(index)} stroke-dasharray=${dashes(index)} stroke-width=${thickness} />`;
   return html`<figure class="chart">
     <svg viewBox=${`0 0 ${width} ${height}`} role="img" aria-label=${label}>
       ${ticks.map(
-        (tick) => html`<line x1=${left} x2=${width - right} y1=${y(tick)} y2=${y(tick)} class="grid" />
-          <text x=${left - 6} y=${y(tick) + 4} text-anchor="end">${short(tick)}</text>`,
+        (tick) => html`<line x1=${left} x2=${right} y1=${y(tick)} y2=${y(tick)} class="grid" />
+          <text x=${left - 6} y=${y(tick) + 4} text-anchor="end">${text(tick)}</text>`,
       )}
-      <text x=${left} y=${height - 4}>${from}</text>
-      <text x=${width - right} y=${height - 4} text-anchor="end">${from + (count - 1) * every}</text>
-      ${series.map(
-        (one, index) =>
-          html`<path d=${linePath(one.values, x, y)} fill="none" stroke=${color(index)} stroke-dasharray=${dashes(index)} stroke-width="1.8" opacity=${one.dim ? 0.4 : 1} />`,
-      )}
-      ${at !== null && html`<line x1=${x(at)} x2=${x(at)} y1=${top} y2=${height - bottom} class="cursor" />`}
+      <text x=${left} y=${height - 4}>0</text>
+      <text x=${right} y=${height - 4} text-anchor="end">${last * every}</text>
+      ${series.map(({ values }, index) => line(index, linePath(values, x, y), 1.8))}
     </svg>
     ${series.length > 1 &&
     html`<figcaption>
-      ${series.map(
-        (one, index) => html`<span class="legend">
-          <svg width="24" height="8" aria-hidden="true"><line x1="0" x2="24" y1="4" y2="4" stroke=${color(index)} stroke-dasharray=${dashes(index)} stroke-width="2" /></svg>
-          ${one.name}
-        </span>`,
-      )}
+      ${series.map(({ name }, index) => {
+        const sample = html`<svg width="24" height="8" aria-hidden="true">${line(index, "M0 4H24", 2)}</svg>`;
+        return html`<span class="legend">${sample} ${name}</span>`;
+      })}
     </figcaption>`}
   </figure>`;
 }
@@ -119,7 +110,17 @@ const INTEGER = new Intl.NumberFormat("en");
 
 /** A number in few characters. @param {number | null | undefined} value */
 export function short(value) {
-  if (value === null || value === undefined) return "–";
-  if (Number.isInteger(value)) return INTEGER.format(value);
-  return Math.abs(value) >= 100 ? value.toFixed(1) : value.toFixed(2);
+  if (!isKnown(value)) return "–";
+  return Number.isInteger(value) ? INTEGER.format(value) : value.toFixed(Math.abs(value) >= 100 ? 1 : 2);
 }
+
+/**
+ * Numbers of a column: all with two decimals if one of them is no integer.
+ * @param {(number | null | undefined)[]} values
+ * @returns {(value: number | null | undefined) => string}
+ */
+export const alike = (values) =>
+  values.every((value) => !isKnown(value) || Number.isInteger(value)) ? short : (value) => value?.toFixed(2) ?? "–";
+
+/** Whether the order of a row and the one above it is uncertain. @param {any} row of a board */
+export const isTied = ({ difference }) => difference !== null && difference.low !== null && difference.low < 0;

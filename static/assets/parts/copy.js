@@ -2,27 +2,32 @@
 import { html, useRef, useState } from "../ui.js";
 import { visible } from "./text.js";
 
-/** Copies a text. If the browser forbids that, selects the element that shows it. */
+/** Copies a text; false where the browser does not allow it. @param {string} text */
+const copied = (text) => Promise.resolve(navigator.clipboard?.writeText(text) ?? Promise.reject()).then(() => true, () => false);
+
+/** Copies a text that is not on the page, and says so; shows the text where the browser does not allow it. */
+export function useCopied() {
+  const [note, setNote] = useState(/** @type {any} */ (null));
+  const copy = async (/** @type {string} */ text, /** @type {string} */ what) =>
+    setNote((await copied(text))
+      ? `Copied: ${what}.`
+      : html`<label>${what} <input readonly size="40" value=${text} onFocus=${(event) => event.currentTarget.select()} /></label>`);
+  return { copy, note };
+}
+
+/** Copies the text of an element. If the browser forbids that, selects it. */
 function useCopy() {
   const shown = useRef(/** @type {HTMLElement | null} */ (null));
   const [note, setNote] = useState("");
-  /** @param {string} text */
-  const copy = async (text) => {
-    try {
-      await navigator.clipboard.writeText(text);
-      setNote("Copied");
-    } catch {
-      if (shown.current) getSelection()?.selectAllChildren(shown.current);
-      setNote("Selected: press Ctrl+C");
-    }
+  const copy = async (/** @type {string} */ text) => {
+    const isCopied = await copied(text);
+    if (!isCopied && shown.current) getSelection()?.selectAllChildren(shown.current);
+    setNote(isCopied ? "Copied" : "Selected: press Ctrl+C");
   };
   return { shown, copy, note };
 }
 
-/**
- * A value with a button that copies it.
- * @param {{value: string, label: string}} props label: what it is, for those who hear the button
- */
+/** A value with a button that copies it. @param {{value: string, label: string}} props label: what it is, for those who hear the button */
 export function Copyable({ value, label }) {
   const { shown, copy, note } = useCopy();
   return html`<span class="copyable">
@@ -42,6 +47,14 @@ export function Commands({ lines, label, what = "the commands" }) {
       <span class="muted small" role="status">${note}</span>
     </p>`;
 }
+
+/**
+ * A key or token that was just made, for someone else; nothing before.
+ * @param {{value?: string, label: string, to: string, children?: any}} props to: who gets it
+ */
+export const Made = ({ value, label, to, children }) => html`<div role="status">
+  ${value && html`<${Secret} value=${value} label=${label}><p>Give it to ${to} by a way that nobody else reads. It cannot be shown again.</p>${children}<//>`}
+</div>`;
 
 /**
  * A key, code or token that the server shows once.

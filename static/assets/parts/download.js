@@ -14,7 +14,6 @@ export function save(blob, name) {
 /** @param {{href: string, name: string, children?: unknown}} props */
 export function Download({ href, name, children }) {
   const [problem, setProblem] = useState("");
-  /** @param {MouseEvent} event */
   const clicked = async (event) => {
     if (!key()) return;
     event.preventDefault();

@@ -2,26 +2,30 @@
 import { html, useId, useLayoutEffect, useRef, useState } from "../ui.js";
 import { Problem } from "../api.js";
 import { KINDS } from "./inputs.js";
-import { Text, LongText } from "./text.js";
+import { useTask } from "./load.js";
+import { FieldProblems } from "./problem.js";
+import { LongText, Text } from "./text.js";
 
 /** @typedef {import("./inputs.js").Field} Field */
 /** @typedef {{legend: string, fields: Field[], isFolded?: boolean}} Group */
+/** What was done, in a sentence, and the values that the form has next: its first ones. @typedef {{note?: string, values?: Record<string, any>}} Sent */
 
-/**
- * The body to send, and the problems of inputs.
- * @param {(Field | Group)[]} fields
- * @param {Record<string, any>} values
- */
+/** Fields one after the other, those of groups too. @param {(Field | Group)[]} fields @returns {Field[]} */
+export const single = (fields) => fields.flatMap((one) => ("fields" in one ? one.fields : one));
+
+/** @param {Field} field */
+const keyOf = (field) => field.key ?? field.name;
+
+/** The body to send, and the problems of inputs. @param {Field[]} fields @param {Record<string, any>} values */
 function bodyOf(fields, values) {
-  /** @type {Record<string, any>} */
   const body = {};
-  /** @type {{field: string, problem: string}[]} */
   const problems = [];
-  for (const field of flat(fields)) {
-    if (field.isLocal || (field.when && !field.when(values))) continue;
+  for (const field of fields.filter(({ isLocal }) => !isLocal)) {
     try {
       const value = KINDS[field.kind ?? "text"].read(values[keyOf(field)] ?? "");
-      if (value !== undefined) put(body, field.name.split("."), value);
+      const path = field.name.split(".");
+      const last = path.pop() ?? "";
+      if (value !== undefined) path.reduce((parent, name) => (parent[name] ??= {}), body)[last] = value;
     } catch (error) {
       problems.push({ field: field.name, problem: error instanceof Error ? error.message : "" });
     }
@@ -29,32 +33,29 @@ function bodyOf(fields, values) {
   return { body, problems };
 }
 
-/** @param {Record<string, any>} body @param {string[]} path @param {unknown} value */
-function put(body, path, value) {
-  const [name, ...rest] = path;
-  if (rest.length === 0) body[name] = value;
-  else put(/** @type {any} */ (body[name] ??= {}), rest, value);
-}
+/** A problem in the words of the form: the server names other fields as its API does. @param {string} problem @param {Field[]} fields */
+const worded = (problem, fields) =>
+  fields.reduce((text, { name, label }) => {
+    const own = name.split(".").at(-1) ?? "";
+    return own.includes("_") ? text.replaceAll(own, `“${label}”`) : text;
+  }, problem);
 
-/** @param {Field} field */
-const keyOf = (field) => field.key ?? field.name;
-
-/** @param {(Field | Group)[]} fields @returns {Field[]} */
-const flat = (fields) => fields.flatMap((one) => ("fields" in one ? one.fields : one));
-
-/** @param {(Field | Group)[]} fields */
-const initialValues = (fields) => Object.fromEntries(flat(fields).map((field) => [keyOf(field), field.initial ?? ""]));
+/** @param {(Field | Group)[]} fields @returns {Record<string, any>} */
+export const initialValues = (fields) => Object.fromEntries(single(fields).map((field) => [keyOf(field), field.initial ?? ""]));
 
 /**
- * A form. `send` gets the body; afterwards the form is reset, to the fields that `send` returns, if any.
- * @param {{fields: (Field | Group)[], label: string, send: (body: any) => Promise<void | (Field | Group)[]>, hasPreview?: boolean}} props
+ * A form. `send` gets the body, and the values of the inputs.
+ * @param {{fields: (Field | Group)[], label: string, send: (body: any, values: Record<string, any>) => Promise<Sent | void>, hasPreview?: boolean}} props
  */
 export function Form({ fields, label, send, hasPreview }) {
   const [values, setValues] = useState(() => initialValues(fields));
-  const [problem, setProblem] = useState(/** @type {Problem | null} */ (null));
-  const [isSending, setIsSending] = useState(false);
+  const { isBusy, problem, run } = useTask();
+  const [note, setNote] = useState("");
   const form = useRef(/** @type {HTMLFormElement | null} */ (null));
-  const { body, problems } = bodyOf(fields, values);
+  const all = single(fields);
+  const isAsked = (/** @type {Field} */ { when }) => !when || when(values);
+  const asked = all.filter(isAsked);
+  const { body, problems } = bodyOf(asked, values);
 
   // The focus moves before the problem is painted.
   useLayoutEffect(() => {
@@ -65,80 +66,64 @@ export function Form({ fields, label, send, hasPreview }) {
     if (target instanceof HTMLElement) target.focus();
   }, [problem]);
 
-  /** @param {Event} event */
-  const submitted = async (event) => {
-    event.preventDefault();
-    if (problems.length > 0) return setProblem(new Problem(422, { detail: "Some fields cannot be read.", fields: problems }));
-    setProblem(null);
-    setIsSending(true);
-    try {
-      const next = await send(body);
-      setValues(initialValues(next ?? fields));
-    } catch (error) {
-      setProblem(error instanceof Problem ? error : new Problem(0, { detail: String(error) }));
-    } finally {
-      setIsSending(false);
-    }
+  const submit = async () => {
+    setNote("");
+    if (problems.length > 0) throw new Problem(422, { detail: "Some fields cannot be read.", fields: problems });
+    const { note = "", values: next = initialValues(fields) } = (await send(body, values)) ?? {};
+    setNote(note);
+    setValues(next);
   };
-  const shown = flat(fields).filter((field) => !field.when || field.when(values));
-  const elsewhere = problem?.fields.filter((one) => !shown.some((field) => isOf(field, one.field))) ?? [];
-  /** @param {Field} field */
-  const entry = (field) =>
-    (!field.when || field.when(values)) &&
-    html`<${Entry}
-      key=${keyOf(field)}
-      field=${field}
-      value=${values[keyOf(field)]}
-      set=${(/** @type {any} */ value) => setValues((values) => ({ ...values, [keyOf(field)]: value }))}
-      problems=${problem?.fields.filter((one) => isOf(field, one.field)) ?? []}
-    />`;
-  return html`<form ref=${form} onSubmit=${submitted}>
-    ${fields.map((one) => ("fields" in one ? html`<${Fieldset} group=${one} entry=${entry} />` : entry(one)))}
+  const known = (problem instanceof Problem ? problem.fields : []).map((one) => ({ ...one, problem: worded(one.problem, all) }));
+  const elsewhere = known.filter((one) => !asked.some((field) => isOf(field, one.field)));
+  const entry = (/** @type {Field} */ field) => {
+    const key = keyOf(field);
+    const set = (/** @type {any} */ value) => setValues((values) => ({ ...values, [key]: value }));
+    const own = known.filter((one) => isOf(field, one.field));
+    return isAsked(field) && html`<${Entry} key=${field.name} field=${field} value=${values[key]} set=${set} problems=${own} />`;
+  };
+  return html`<form ref=${form} onSubmit=${(/** @type {Event} */ event) => (event.preventDefault(), run(submit))}>
+    ${fields.map((one) => {
+      if (!("fields" in one)) return entry(one);
+      return one.isFolded
+        ? html`<details class="fields"><summary>${one.legend}</summary>${one.fields.map(entry)}</details>`
+        : html`<fieldset><legend>${one.legend}</legend>${one.fields.map(entry)}</fieldset>`;
+    })}
     ${hasPreview &&
-    html`<details><summary>What is sent</summary><${LongText} value=${JSON.stringify(body, null, 2)} label="What is sent" /></details>`}
+    html`<details><summary>The same for a program, as JSON</summary><${LongText} value=${JSON.stringify(body, null, 2)} label="What is sent" /></details>`}
     ${problem &&
-    html`<div class="problem" role="alert" tabindex="-1">
-      <p><${Text} value=${problem.message} /></p>
-      ${elsewhere.length > 0 &&
-      html`<ul>${elsewhere.map((one) => html`<li><code><${Text} value=${one.field} /></code> <${Text} value=${one.problem} /></li>`)}</ul>`}
-    </div>`}
-    <p class="buttons"><button type="submit" class="primary" disabled=${isSending}>${isSending ? "Sending …" : label}</button></p>
+    html`<div class="problem" role="alert" tabindex="-1"><p><${Text} value=${worded(problem.message, all)} /></p><${FieldProblems} problem=${{ fields: elsewhere }} /></div>`}
+    <p class="buttons">
+      <button type="submit" class="primary" disabled=${isBusy}>${isBusy ? "Sending …" : label}</button>
+      <span class="good" role="status">${note}</span>
+    </p>
   </form>`;
 }
 
 /** Whether a problem with this name concerns a field. @param {Field} field @param {string} name */
 const isOf = (field, name) => name === field.name || name.startsWith(`${field.name}[`) || name.startsWith(`${field.name}.`);
 
-/** @param {{group: Group, entry: (field: Field) => any}} props */
-const Fieldset = ({ group, entry }) =>
-  group.isFolded
-    ? html`<details class="fields"><summary>${group.legend}</summary>${group.fields.map(entry)}</details>`
-    : html`<fieldset><legend>${group.legend}</legend>${group.fields.map(entry)}</fieldset>`;
-
 /**
  * A field with its label, its explanation and its problem.
- * @param {{field: Field, value: any, set: (value: any) => void, problems: {field: string, problem: string}[]}} props
+ * @param {{field: Field, value: any, set: (value: any) => void, problems?: {field: string, problem: string}[]}} props
  */
-function Entry({ field, value, set, problems }) {
+export function Entry({ field, value, set, problems = [] }) {
   const id = useId();
-  const kind = field.kind ?? "text";
-  const { Input } = KINDS[kind];
-  const isGroup = kind === "checks" || kind === "order" || kind === "windows";
+  const { name, label, help, kind = "text", isRequired } = field;
+  const { Input, isGroup } = KINDS[kind];
   const props = {
     id,
     "aria-describedby": `${id}-help`,
     "aria-invalid": problems.length > 0 ? "true" : undefined,
     "aria-labelledby": isGroup ? `${id}-label` : undefined,
-    required: field.isRequired,
+    required: isRequired,
   };
-  const label = html`<label id=${`${id}-label`} for=${isGroup ? undefined : id}>
-    ${field.label}${field.isRequired && html` <span class="muted">(required)</span>`}
-  </label>`;
+  const title = html`<label id=${`${id}-label`} for=${isGroup ? undefined : id}>${label}${isRequired && html` <span class="muted">(required)</span>`}</label>`;
+  const input = html`<${Input} ...${{ field, value, set, props }} />`;
   return html`<div class="field">
-    ${kind === "check" ? html`<${Input} ...${{ field, value, set, props }} /> ${label}` : html`${label}<${Input} ...${{ field, value, set, props }} />`}
+    ${kind === "check" ? html`${input} ${title}` : html`${title}${input}`}
     <div id=${`${id}-help`} class="small">
-      ${problems.map((one) => html`<div class="bad"><${Text} value=${one.field === field.name ? one.problem : `${one.field.slice(field.name.length)}: ${one.problem}`} /></div>`)}
-      ${field.help && html`<span class="muted">${field.help}</span>`}
+      ${problems.map((one) => html`<div class="bad"><${Text} value=${one.field === name ? one.problem : `${one.field.slice(name.length)}: ${one.problem}`} /></div>`)}
+      ${help && html`<span class="muted">${help}</span>`}
     </div>
   </div>`;
 }

@@ -1,7 +1,6 @@
 // One game: its states in pages, its acts when they are shown, and news while it runs. The page of a game reads
 // it only through the type `Game`, so that a game can also come from a file.
 import { useEffect, useState } from "../ui.js";
-import { ServedGame } from "./served.js";
 
 /** @import { Worth } from "./worth.js" */
 
@@ -73,18 +72,12 @@ const RUNNING = ["waiting", "running"];
 /** Whether more rounds may come. @param {{status: string}} head */
 export const isLive = (head) => RUNNING.includes(head.status);
 
-/**
- * A game of the server, with its first states.
- * @param {{kind: "episodes" | "imports", id: string}} which
- * @param {AbortSignal} signal
- * @returns {Promise<Game>}
- */
-export const openGame = ({ kind, id }, signal) => new ServedGame(kind, id).open(signal);
+/** Adds the marks of states, by the rounds that led to them. @param {Map<number, string[]>} marks @param {State[]} states */
+export function collectMarks(marks, states) {
+  for (const state of states) if (state.marks?.length) marks.set(state.round - 1, state.marks);
+}
 
-/**
- * Redraws a component when more of a game was read.
- * @param {Game | null} game
- */
+/** Redraws a component when more of a game was read. @param {Game | null} game */
 export function useChanges(game) {
   const [count, setCount] = useState(0);
   useEffect(() => game?.subscribe(() => setCount((count) => count + 1)), [game]);

@@ -1,14 +1,15 @@
 // The line at the top of every page: links, and the key of this tab.
-import { html, useEffect, useRef, useState } from "../ui.js";
+import { html, submits, useEffect, useRef, useState } from "../ui.js";
 import { key, onRemembered, remember } from "../api.js";
+import { Menu } from "./menu.js";
 
+/** @type {[string, string, RegExp][]} */
 const PLACES = [
   ["/boards", "Boards", /^\/board/],
   ["/competitions", "Competitions", /^\/competitions/],
   ["/episodes", "Games", /^\/(episodes|imports|compare)/],
   ["/runs", "Runs", /^\/runs/],
   ["/play", "Play", /^\/play/],
-  ["/desk", "Desk", /^\/desk/],
 ];
 
 export function openKeyDialog() {
@@ -23,36 +24,34 @@ export function Header({ path }) {
   return html`<header class="top">
     <a class="home" href="/">swarmbench</a>
     <nav aria-label="Pages">
-      ${PLACES.map(
-        ([href, name, paths]) =>
-          html`<a href=${href} aria-current=${/** @type {RegExp} */ (paths).test(path) ? "page" : undefined}>${name}</a>`,
-      )}
-      <a href="/docs">API</a>
+      ${PLACES.map(([href, name, paths]) => html`<a href=${href} aria-current=${paths.test(path) ? "page" : undefined}>${name}</a>`)}
     </nav>
-    <button type="button" class="quiet" onClick=${openKeyDialog}>${hasKey ? "Key: entered" : "Key"}</button>
-    <${KeyDialog} hasKey=${hasKey} />
+    <${Menu} label=${hasKey ? "Key: entered" : "Key"}>
+      <button type="button" onClick=${openKeyDialog}>${hasKey ? "Enter another key" : "Enter a key"}</button>
+      <a href="/desk">Desk</a>
+      ${hasKey && html`<a href="/desk?view=keys">Keys</a>`}
+      <a href="/docs">API</a>
+      ${hasKey && html`<hr /><button type="button" class="danger" onClick=${() => takeKey(null)}>Forget the key</button>`}
+    <//>
+    <${KeyDialog} />
   </header>`;
 }
 
-/** @param {{hasKey: boolean}} props */
-function KeyDialog({ hasKey }) {
+/** Every page is loaded again, as it shows other things to another caller. @param {string | null} value null to forget it */
+export function takeKey(value) {
+  remember("key", value);
+  location.reload();
+}
+
+function KeyDialog() {
   const dialog = useRef(/** @type {HTMLDialogElement | null} */ (null));
   const input = useRef(/** @type {HTMLInputElement | null} */ (null));
-  /** @param {string | null} value */
-  const set = (value) => {
-    remember("key", value);
-    if (input.current) input.current.value = "";
-    dialog.current?.close();
-    location.reload();
-  };
-  /** @param {Event} event */
-  const entered = (event) => {
-    event.preventDefault();
+  const entered = () => {
     const value = input.current?.value.trim();
-    if (value) set(value);
+    if (value) takeKey(value);
   };
   return html`<dialog id="key-dialog" ref=${dialog} aria-labelledby="key-title">
-    <form onSubmit=${entered}>
+    <form onSubmit=${submits(entered)}>
       <h2 id="key-title">Your key</h2>
       <p>
         A key (<code>secret_…</code>) from an organizer shows what is private, starts games, and opens the desk. It stays in
@@ -61,7 +60,6 @@ function KeyDialog({ hasKey }) {
       <label>Key <input ref=${input} type="password" autocomplete="off" spellcheck="false" /></label>
       <p class="buttons">
         <button type="submit" class="primary">Use this key</button>
-        ${hasKey && html`<button type="button" onClick=${() => set(null)}>Forget the key</button>`}
         <button type="button" onClick=${() => dialog.current?.close()}>Close</button>
       </p>
     </form>

@@ -22,14 +22,17 @@ import { Problem } from "../api.js";
 
 /** @typedef {{field: Field, value: any, set: (value: any) => void, props: Record<string, any>}} InputProps */
 
-/** @typedef {"text" | "secret" | "long" | "lines" | "numbers" | "json" | "number" | "choice" | "time" | "checks" | "check" | "order" | "windows"} Kind */
+/** @typedef {"text" | "secret" | "long" | "lines" | "numbers" | "facts" | "number" | "choice" | "time" | "checks" | "check" | "order" | "windows"} Kind */
 
 /** @param {string} text @param {RegExp} between */
 const split = (text, between) => text.split(between).map((part) => part.trim()).filter(Boolean);
 
+/** @param {(value: any) => void} set */
+const typed = (set) => (/** @type {any} */ event) => set(event.target.value);
+
 /**
- * The element of an input, and its value in the body; `undefined` leaves the field out.
- * @type {Record<Kind, {Input: (props: InputProps) => any, read: (value: any) => unknown}>}
+ * The element of an input, and its value in the body; `undefined` leaves the field out. isGroup: it is made of several elements.
+ * @type {Record<Kind, {Input: (props: InputProps) => any, read: (value: any) => unknown, isGroup?: boolean}>}
  */
 export const KINDS = {
   text: { Input: Line, read: (value) => value || undefined },
@@ -37,25 +40,47 @@ export const KINDS = {
   long: { Input: Lines, read: (value) => value || undefined },
   lines: { Input: Lines, read: (value) => split(value, /\n/) },
   numbers: { Input: Line, read: (value) => split(value, /[\s,]/).map(Number) },
-  json: { Input: Lines, read: readJson },
+  facts: { Input: Lines, read: readFacts },
   number: { Input: Line, read: (value) => (value === "" ? undefined : Number(value)) },
-  choice: { Input: Choice, read: (value) => value || undefined },
+  choice: {
+    Input: ({ field, value, set, props }) => html`<select ...${props} value=${value} onChange=${typed(set)}>${field.options?.map(option)}</select>`,
+    read: (value) => value || undefined,
+  },
   time: { Input: Moment, read: readTime },
-  checks: { Input: Checks, read: (value) => value },
-  check: { Input: Check, read: (value) => value || undefined },
-  order: { Input: Order, read: (value) => value },
-  windows: { Input: Windows, read: (value) => value.map(readWindow) },
+  check: {
+    Input: ({ value, set, props }) => html`<input ...${props} type="checkbox" checked=${Boolean(value)} onChange=${(event) => set(event.target.checked)} />`,
+    read: (value) => value || undefined,
+  },
+  checks: { Input: Checks, read: (value) => value, isGroup: true },
+  order: { Input: Order, read: (value) => value, isGroup: true },
+  windows: {
+    Input: Windows,
+    read: (value) => value.map(({ opens_at, closes_at }) => ({ opens_at: readTime(opens_at), closes_at: readTime(closes_at) })),
+    isGroup: true,
+  },
 };
 
-/** @param {string} value */
-function readJson(value) {
-  if (!value.trim()) return undefined;
-  try {
-    return JSON.parse(value);
-  } catch {
-    throw new Problem(422, { detail: "This is not JSON." });
-  }
+/** Facts by their names, from lines like `framework: its name`. @param {string} text */
+function readFacts(text) {
+  const facts = split(text, /\n/).map((line) => {
+    const found = /^([^:]+):\s*(.+)$/.exec(line);
+    if (!found) throw new Problem(422, { detail: `“${line}” has no colon between a name and what it says.` });
+    return [found[1].trim(), found[2]];
+  });
+  return facts.length > 0 ? Object.fromEntries(facts) : undefined;
 }
+
+/** The sampling that a player declares. @type {Field[]} */
+export const SAMPLING_FIELDS = [
+  { name: "temperature", label: "Temperature, as declared", kind: "number", min: 0, max: 10, step: "any" },
+  { name: "top_p", label: "Top-p, as declared", kind: "number", min: 0, max: 1, step: "any" },
+];
+
+/** What a player declares beside its model and its sampling. @type {Field[]} */
+export const DECLARED_FIELDS = [
+  { name: "prompt_template", label: "Prompt template of its own", kind: "long", help: "Left empty: the built-in prompt." },
+  { name: "agent_meta", label: "Other facts, one a line", kind: "facts", placeholder: "framework: its name" },
+];
 
 /** A local time of an input, as the API takes it. @param {string} value */
 function readTime(value) {
@@ -63,87 +88,68 @@ function readTime(value) {
   return value && !Number.isNaN(at.getTime()) ? at.toISOString() : undefined;
 }
 
-/** @param {{opens_at: string, closes_at: string}} window */
-const readWindow = (window) => ({ opens_at: readTime(window.opens_at), closes_at: readTime(window.closes_at) });
-
 /** A time as an input shows it. @param {Date} at */
-export function localTime(at) {
-  const local = new Date(at.getTime() - at.getTimezoneOffset() * 60_000);
-  return local.toISOString().slice(0, 16);
-}
+export const localTime = (at) => new Date(at.getTime() - at.getTimezoneOffset() * 60_000).toISOString().slice(0, 16);
+
+/** @param {[string, string]} option */
+const option = ([name, text]) => html`<option key=${name} value=${name}>${text}</option>`;
 
 /** @param {InputProps} props */
 function Line({ field, value, set, props }) {
   const isNumber = field.kind === "number";
-  return html`<input
-    ...${props}
-    type=${field.kind === "secret" ? "password" : isNumber ? "number" : "text"}
-    min=${field.min} max=${field.max} step=${isNumber ? field.step ?? 1 : undefined}
-    maxlength=${isNumber ? undefined : field.max}
-    placeholder=${field.placeholder} autocomplete="off" spellcheck=${false}
-    value=${value}
-    onInput=${(/** @type {any} */ event) => set(event.target.value)}
-  />`;
+  const type = field.kind === "secret" ? "password" : isNumber ? "number" : "text";
+  const limits = isNumber ? { min: field.min, max: field.max, step: field.step ?? 1 } : { maxlength: field.max };
+  return html`<input ...${props} type=${type} ...${limits} placeholder=${field.placeholder} autocomplete="off" spellcheck=${false}
+    value=${value} onInput=${typed(set)} />`;
 }
 
 /** @param {InputProps} props */
 function Lines({ field, value, set, props }) {
   return html`<textarea ...${props} rows=${field.step ?? 4} maxlength=${field.max} placeholder=${field.placeholder} spellcheck=${false}
-    value=${value} onInput=${(/** @type {any} */ event) => set(event.target.value)}></textarea>`;
-}
-
-/** @param {InputProps} props */
-function Choice({ field, value, set, props }) {
-  return html`<select ...${props} value=${value} onChange=${(/** @type {any} */ event) => set(event.target.value)}>
-    ${field.options?.map(([name, text]) => html`<option value=${name}>${text}</option>`)}
-  </select>`;
-}
-
-/** @param {InputProps} props */
-function Check({ value, set, props }) {
-  return html`<input ...${props} type="checkbox" checked=${Boolean(value)} onChange=${(/** @type {any} */ event) => set(event.target.checked)} />`;
-}
-
-/** @param {InputProps} props */
-function Checks({ field, value, set, props }) {
-  /** @param {string} name @param {boolean} isOn */
-  const changed = (name, isOn) =>
-    set(field.options?.map(([option]) => option).filter((option) => (option === name ? isOn : value.includes(option))));
-  return html`<div role="group" id=${props.id} aria-labelledby=${props["aria-labelledby"]} aria-describedby=${props["aria-describedby"]} class="checks">
-    ${field.options?.map(
-      ([name, text]) => html`<label>
-        <input type="checkbox" checked=${value.includes(name)} aria-invalid=${props["aria-invalid"]}
-          onChange=${(/** @type {any} */ event) => changed(name, event.target.checked)} />
-        ${text}
-      </label>`,
-    )}
-  </div>`;
-}
-
-/** Some of the options, one after the other: each is chosen among those that are left. @param {InputProps} props */
-function Order({ field, value, set, props }) {
-  const options = field.options ?? [];
-  const places = [...value, ""].slice(0, options.length);
-  /** Values after an emptied place move up. @param {number} place @param {string} name */
-  const changed = (place, name) => set(places.map((known, index) => (index === place ? name : known)).filter(Boolean));
-  return html`<div role="group" id=${props.id} aria-labelledby=${props["aria-labelledby"]} aria-describedby=${props["aria-describedby"]} class="order">
-    ${places.map(
-      (chosen, place) => html`<label key=${place}>
-        ${place === 0 ? "First" : "Then"}${" "}
-        <select value=${chosen} aria-invalid=${props["aria-invalid"]} onChange=${(/** @type {any} */ event) => changed(place, event.target.value)}>
-          <option value="">${place === 0 ? "none" : "nothing more"}</option>
-          ${options.filter(([name]) => name === chosen || !value.includes(name)).map(([name, text]) => html`<option key=${name} value=${name}>${text}</option>`)}
-        </select>
-      </label>`,
-    )}
-  </div>`;
+    value=${value} onInput=${typed(set)}></textarea>`;
 }
 
 /** A time in the zone of who fills in the form, and the same in UTC. @param {InputProps} props */
 function Moment({ value, set, props }) {
   const at = readTime(value);
-  return html`<input ...${props} type="datetime-local" value=${value} onInput=${(/** @type {any} */ event) => set(event.target.value)} />
+  return html`<input ...${props} type="datetime-local" value=${value} onInput=${typed(set)} />
     <span class="muted small number">${at ? `${at.slice(0, 16).replace("T", " ")} UTC` : "your local time"}</span>`;
+}
+
+/** Several elements under the label of one field. @param {{props: Record<string, any>, name?: string, children?: any}} props */
+const Several = ({ props, name, children }) =>
+  html`<div role="group" id=${props.id} aria-labelledby=${props["aria-labelledby"]} aria-describedby=${props["aria-describedby"]} class=${name}>${children}</div>`;
+
+/** @param {InputProps} props */
+function Checks({ field: { options = [] }, value, set, props }) {
+  const changed = (/** @type {string} */ name, /** @type {boolean} */ isOn) =>
+    set(options.map(([option]) => option).filter((option) => (option === name ? isOn : value.includes(option))));
+  return html`<${Several} props=${props} name="checks">
+    ${options.map(
+      ([name, text]) => html`<label>
+        <input type="checkbox" checked=${value.includes(name)} aria-invalid=${props["aria-invalid"]}
+          onChange=${(/** @type {any} */ event) => changed(name, event.target.checked)} /> ${text}
+      </label>`,
+    )}
+  <//>`;
+}
+
+/** Some of the options, one after the other: each is chosen among those that are left. @param {InputProps} props */
+function Order({ field: { options = [] }, value, set, props }) {
+  const places = [...value, ""].slice(0, options.length);
+  // Values after an emptied place move up.
+  const changed = (/** @type {number} */ place, /** @type {string} */ name) => set(places.with(place, name).filter(Boolean));
+  return html`<${Several} props=${props} name="order">
+    ${places.map(
+      (chosen, place) => html`<label key=${place}>
+        ${place === 0 ? "First" : "Then"}${" "}
+        <select value=${chosen} aria-invalid=${props["aria-invalid"]} onChange=${typed((name) => changed(place, name))}>
+          <option value="">${place === 0 ? "none" : "nothing more"}</option>
+          ${options.filter(([name]) => name === chosen || !value.includes(name)).map(option)}
+        </select>
+      </label>`,
+    )}
+  <//>`;
 }
 
 /** Attempts of a competition, each with a window of its own. */
@@ -151,21 +157,17 @@ const ATTEMPTS_MAX = 100;
 
 /** @param {InputProps} props */
 function Windows({ value, set, props }) {
-  /** @param {number} place @param {string} name @param {string} time */
-  const changed = (place, name, time) => set(value.map((window, index) => (index === place ? { ...window, [name]: time } : window)));
-  return html`<div role="group" id=${props.id} aria-labelledby=${props["aria-labelledby"]} aria-describedby=${props["aria-describedby"]}>
+  const end = (/** @type {number} */ place, /** @type {string} */ name, /** @type {string} */ text) => html`<label>
+    ${text} <input type="datetime-local" aria-label=${`Attempt ${place + 1} ${text}`} aria-invalid=${props["aria-invalid"]} value=${value[place][name]}
+      onInput=${typed((time) => set(value.with(place, { ...value[place], [name]: time })))} />
+  </label>`;
+  return html`<${Several} props=${props}>
     ${value.map(
-      (window, place) => html`<div class="window">
-        <strong>Attempt ${place + 1}</strong>
-        ${[["opens_at", "opens"], ["closes_at", "closes"]].map(
-          ([name, text]) => html`<label>
-            ${text} <input type="datetime-local" aria-label=${`Attempt ${place + 1} ${text}`} aria-invalid=${props["aria-invalid"]} value=${window[name]}
-              onInput=${(/** @type {any} */ event) => changed(place, name, event.target.value)} />
-          </label>`,
-        )}
-        <button type="button" class="quiet" aria-label=${`Remove attempt ${place + 1}`} onClick=${() => set(value.filter((_, index) => index !== place))}>Remove</button>
+      (_, place) => html`<div class="window">
+        <strong>Attempt ${place + 1}</strong> ${end(place, "opens_at", "opens")} ${end(place, "closes_at", "closes")}
+        <button type="button" class="quiet" aria-label=${`Remove attempt ${place + 1}`} onClick=${() => set(value.toSpliced(place, 1))}>Remove</button>
       </div>`,
     )}
     <button type="button" disabled=${value.length >= ATTEMPTS_MAX} onClick=${() => set([...value, { opens_at: "", closes_at: "" }])}>Add an attempt</button>
-  </div>`;
+  <//>`;
 }

@@ -1,8 +1,7 @@
 // Organizers' actions in a competition, as everybody sees them.
 import { html } from "../ui.js";
 import { route } from "../api.js";
-import { More } from "./pages.js";
-import { ProblemNote } from "./problem.js";
+import { ListTable } from "./listed.js";
 import { Lines, Text } from "./text.js";
 import { Time } from "./time.js";
 
@@ -19,16 +18,23 @@ const ACTIONS = {
   "entrant.erase": "Erased an entrant",
   "entrant.key": "Replaced the key of an entrant",
   "entrant.rename": "An entrant renamed itself",
-  "key.revoke": "Revoked a key of an entrant",
+  "entrants.contacts": "Read the contacts of entrants",
   "entrants.exclude": "Excluded entrants",
+  "key.create": "Made a key",
+  "key.revoke": "Revoked a key",
   "member.add": "Added a member to a team",
   "member.remove": "Removed a member from a team",
   "attempt.void": "Voided an attempt",
-  "run.abort": "Ended an attempt",
-  "run.token": "Replaced the token of an attempt",
+  "run.abort": "Ended a run",
+  "run.token": "Replaced the token of a run",
   "episode.void": "Voided a game",
   "episode.abort": "Ended a game",
+  "sealed.read": "Read a sealed game or run",
+  "clock.confirm": "Confirmed the clock",
 };
+
+/** An action of the API in words. @param {string} action */
+export const actionText = (action) => ACTIONS[action] ?? action.replaceAll(".", " ");
 
 /** The maximum number of entrants' names in an entry, beside their count. */
 const NAMES_SHOWN = 20;
@@ -37,40 +43,28 @@ const NAMES_SHOWN = 20;
 const END = /^(?:attempts\[(\d+)\]\.)?closes_at$/;
 
 /** @param {{list: ReturnType<typeof import("./pages.js").usePages>, names: Map<string, string>}} props names: of entrants */
-export function Actions({ list, names }) {
-  if (list.problem && !list.value) return html`<${ProblemNote} problem=${list.problem} retry=${list.reload} />`;
-  if (!list.value) return html`<p class="muted" role="status">Loading …</p>`;
-  if (list.items.length === 0) return html`<p class="empty">Nothing since it was created.</p>`;
-  return html`<div class="scroll" tabindex="0" role="region" aria-label="Table of what organizers did">
-      <table>
-        <thead><tr><th scope="col">When</th><th scope="col">What</th><th scope="col">Concerns</th><th scope="col">Details</th></tr></thead>
-        <tbody>
-          ${list.items.map(
-            (one) => html`<tr>
-              <td><${Time} value=${one.at} /></td>
-              <th scope="row">${ACTIONS[one.action] ?? html`<${Text} value=${one.action} />`}</th>
-              <td><${Subject} id=${one.subject} detail=${one.detail} names=${names} /></td>
-              <td><${Details} detail=${one.detail ?? {}} names=${names} /></td>
-            </tr>`,
-          )}
-        </tbody>
-      </table>
-    </div>
-    <${More} list=${list} />`;
-}
+export const Actions = ({ list, names }) => html`<${ListTable} list=${list} label="Table of what organizers did" header=${1} empty="Nothing since it was created."
+  columns=${[
+    ["When", (one) => html`<${Time} value=${one.at} />`],
+    ["What", (one) => html`<${Text} value=${actionText(one.action)} />`],
+    ["Concerns", (one) => html`<${Subject} id=${one.subject} detail=${one.detail} names=${names} />`],
+    ["Details", (one) => html`<${Details} detail=${one.detail ?? {}} names=${names} />`],
+  ]} />`;
 
-/** @param {{id: string, detail: any, names: Map<string, string>}} props */
-function Subject({ id, detail, names }) {
+/** What an action concerns. @param {{id: string, detail: any, names: Map<string, string>, isHere?: boolean}} props isHere: its competition is this page's */
+export function Subject({ id, detail, names, isHere = true }) {
   const name = names.get(detail?.entrant ?? id);
   const who = name && html`<${Text} value=${name} />`;
-  if (id.startsWith("cmp_")) return "the competition";
+  if (id.startsWith("cmp_")) return isHere ? "the competition" : html`<a href=${route`/competitions/${id}`}>${who ?? "a competition"}</a>`;
+  if (id.startsWith("run_") && !detail?.attempt) return html`<a href=${route`/runs/${id}`}>a run</a>`;
   if (id.startsWith("run_")) return html`<a href=${route`/runs/${id}`}>attempt ${detail?.attempt}</a>${who && html` of ${who}`}`;
   if (id.startsWith("ep_")) return html`<a href=${route`/episodes/${id}`}>a game</a>`;
-  return who ?? html`<${Text} value=${id} />`;
+  if (id === "clock") return "the clock";
+  return who ?? html`<span class="muted">${id.startsWith("ent_") ? "an entrant, " : id.startsWith("key_") ? "a key, " : ""}</span><code class="id"><${Text} value=${id} /></code>`;
 }
 
-/** @param {{detail: any, names: Map<string, string>}} props */
-const Details = ({ detail, names }) => {
+/** What an action changed. @param {{detail: any, names: Map<string, string>}} props */
+export const Details = ({ detail, names }) => {
   const { changes = [], entrants = [], reason, status, vouched, codes, text, category, rewritten = [] } = detail;
   return html`${text && html`<${Lines} value=${text} />`}${changes.map((change) => html`<div><${Changed} ...${change} /></div>`)}
     ${status && html`<div>now ${status}${vouched && ", vouched"}</div>`}
@@ -88,29 +82,16 @@ const Details = ({ detail, names }) => {
 /** @param {{field: string, from: any, to: any}} props */
 function Changed({ field, from, to }) {
   const end = END.exec(field);
+  const earlier = (/** @type {string} */ text) => html`<details><summary>The earlier one</summary><${Lines} value=${text} /></details>`;
   if (end) return html`${end[1] ? `attempt ${Number(end[1]) + 1} closes` : "closes"} <${Time} value=${to} both />, earlier <${Time} value=${from} both />`;
   if (field === "hidden") return to ? "hidden" : "in lists again";
-  if (field === "description") {
-    return html`another description
-      <details><summary>The earlier one</summary><${Lines} value=${from} /></details>`;
-  }
-  if (field === "terms") {
-    return html`version ${to.version} of the terms
-      ${from && html`<details><summary>The earlier one</summary><${Lines} value=${from.text} /></details>`}`;
-  }
+  if (field === "description") return html`another description ${earlier(from)}`;
+  if (field === "terms") return html`version ${to.version} of the terms ${from && earlier(from.text)}`;
   return html`<${Text} value=${field} />: <${Text} value=${to} />, earlier <${Text} value=${from} />`;
 }
 
-/**
- * The original ends of extended windows and competitions, by field.
- * @param {any[]} actions newest first
- * @returns {Map<string, string>}
- */
+/** The original ends of extended windows and competitions, by field. @param {any[]} actions newest first @returns {Map<string, string>} */
 export function firstEnds(actions) {
-  const ends = new Map();
-  for (const { action, detail } of actions) {
-    if (action !== "competition.change") continue;
-    for (const { field, from } of detail?.changes ?? []) if (END.test(field)) ends.set(field, from);
-  }
-  return ends;
+  const changes = actions.filter(({ action }) => action === "competition.change").flatMap(({ detail }) => detail?.changes ?? []);
+  return new Map(changes.filter(({ field }) => END.test(field)).map(({ field, from }) => [field, from]));
 }

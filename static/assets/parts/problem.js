@@ -1,16 +1,13 @@
 // Problems, and what to do about them.
 import { html } from "../ui.js";
-import { Problem, key, remember } from "../api.js";
-import { openKeyDialog } from "./header.js";
+import { Problem, key } from "../api.js";
+import { openKeyDialog, takeKey } from "./header.js";
 import { Text } from "./text.js";
 
-/** Codes of problems in words for visitors. */
+/** Codes of problems in words for visitors: what happened, and what to do. */
 const ADVICE = {
   offline: ["The server does not answer", "It may be restarting. This page tries again by itself, or at once:"],
-  not_found: [
-    "Not found",
-    "The link may be wrong or cut off, or this is private: then enter the key of its creator, or of an organizer.",
-  ],
+  not_found: ["Not found", "The link may be wrong or cut off, or this is private: then enter the key of its creator, or of an organizer."],
   forbidden: ["Not for everybody yet", "Its creator and organizers can read it with a key."],
   unauthorized: [
     "The key or token is not accepted",
@@ -20,6 +17,7 @@ const ADVICE = {
   rate_limited: ["Too many requests", "Wait a moment."],
   overloaded: ["The server is busy", "Wait a moment."],
   unavailable: ["The server is not ready", "It may be starting. Wait a moment."],
+  other: ["Something went wrong", "Load the page again. If it happens again, tell the operator of this server."],
 };
 
 /**
@@ -29,35 +27,29 @@ const ADVICE = {
 export function ProblemNote({ problem, retry, what }) {
   const answered = problem instanceof Problem ? problem.code : "";
   const code = answered === "unauthorized" && !key() ? "no_key" : answered;
-  const [title, advice] = ADVICE[/** @type {keyof typeof ADVICE} */ (code)] ?? [
-    "Something went wrong",
-    "Load the page again. If it happens again, tell the operator of this server.",
-  ];
+  const [title, advice] = ADVICE[/** @type {keyof typeof ADVICE} */ (code)] ?? ADVICE.other;
   const mayNeedKey = ["not_found", "forbidden", "unauthorized", "no_key"].includes(code);
   return html`<div class="problem" role="alert">
     <h2>${what ? html`${what}: ${title.toLowerCase()}` : title}</h2>
     ${code !== "no_key" && html`<p><${Text} value=${problem.message} /></p>`}
-    ${problem instanceof Problem && html`<${FieldProblems} problem=${problem} />`}
+    <${FieldProblems} problem=${problem} />
     <p class="muted">${advice}</p>
     <p class="buttons">
       ${retry && html`<button type="button" onClick=${retry}>Try again</button>`}
       ${mayNeedKey && html`<button type="button" onClick=${openKeyDialog}>Enter a key</button>`}
-      ${code === "unauthorized" && key() && html`<button type="button" onClick=${forget}>Forget the key</button>`}
+      ${code === "unauthorized" && key() && html`<button type="button" onClick=${() => takeKey(null)}>Forget the key</button>`}
       <a href="/">Front page</a>
     </p>
   </div>`;
 }
 
-function forget() {
-  remember("key", null);
-  location.reload();
-}
+/**
+ * Stands in place of content that is not loaded: it loads, or could not be loaded.
+ * @param {{of: {problem: Error | null, reload: () => void}, what?: string}} props of: what `useLoaded` returns
+ */
+export const Waiting = ({ of: { problem, reload }, what }) =>
+  problem ? html`<${ProblemNote} problem=${problem} retry=${reload} what=${what} />` : html`<p class="muted" role="status">Loading …</p>`;
 
-/** The problems of a form's fields. @param {{problem: Problem}} props */
-export const FieldProblems = ({ problem }) =>
-  problem.fields.length > 0 &&
-  html`<ul>
-    ${problem.fields.map(
-      ({ field, problem: what }) => html`<li><code><${Text} value=${field} /></code> <${Text} value=${what} /></li>`,
-    )}
-  </ul>`;
+/** The problems of a form's fields. @param {{problem: any}} props */
+export const FieldProblems = ({ problem: { fields = [] } }) =>
+  fields.length > 0 && html`<ul>${fields.map(({ field, problem }) => html`<li><code><${Text} value=${field} /></code> <${Text} value=${problem} /></li>`)}</ul>`;

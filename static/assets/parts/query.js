@@ -1,16 +1,12 @@
 // The query of the address as state of a page: a link to the current view, without a reload.
-import { useCallback, useEffect, useState } from "../ui.js";
+import { useCallback, useEffect, useState, useWindowEvent } from "../ui.js";
 
 const here = () => new URLSearchParams(location.search);
 
 /** @returns {[URLSearchParams, (changes: Record<string, string | null>) => void]} null and "" remove a name */
 export function useQuery() {
   const [query, setQuery] = useState(here);
-  useEffect(() => {
-    const changed = () => setQuery(here());
-    addEventListener("popstate", changed);
-    return () => removeEventListener("popstate", changed);
-  }, []);
+  useWindowEvent("popstate", () => setQuery(here()));
   const change = useCallback((/** @type {Record<string, string | null>} */ changes) => {
     const next = here();
     for (const [name, value] of Object.entries(changes)) {
@@ -18,7 +14,7 @@ export function useQuery() {
       else next.delete(name);
     }
     const text = next.toString();
-    history.replaceState(null, "", location.pathname + (text && `?${text}`));
+    history.replaceState(history.state, "", location.pathname + (text && `?${text}`));
     setQuery(next);
   }, []);
   return [query, change];

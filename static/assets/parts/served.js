@@ -1,52 +1,50 @@
 // A game of the server, read in pages.
-import { Problem, request, route, sleep, stream, tokenOf, withQuery } from "../api.js";
-import { collectMarks, join } from "./pieces.js";
+import { Problem, persist, request, route, sleep, tokenOf, withQuery } from "../api.js";
+import { collectMarks } from "./game.js";
 
 /** @import { Game, Head, Piece, State } from "./game.js" */
 
 /** The number of rounds per request. The server sends fewer of large games. */
 const PAGE_ROUNDS = 100;
 
-/** The maximum number of cached pages; the oldest one is evicted. */
-const PAGES_MAX = 24;
+/** The maximum numbers of cached pages and acts; the oldest one is evicted. */
+const [PAGES_MAX, ACTS_MAX] = [24, 64];
 
-/** The maximum number of cached acts. */
-const ACTS_MAX = 64;
+/** The numbers of points of the score curve, and of rounds that the reference plays on. */
+const [SCORE_POINTS, LINE_ROUNDS] = [400, 10];
 
-/** The number of points of the score curve. */
-const SCORE_POINTS = 400;
-
-/** The number of rounds that the reference plays on. */
-const LINE_ROUNDS = 10;
-
-/** The interval between reads of a running game. */
-const LIVE_PAUSE_MS = 500;
-
-/** The interval between reads of a game that waits for its players. */
-const WAITING_MS = 5000;
-
-/** The pause after a failed read of a running game. */
-const RETRY_MS = 2000;
+/** The intervals between looks at a running game, and at one that waits for its players. */
+const [LIVE_MS, WAITING_MS] = [500, 5000];
 
 /** A game whose players are visible to the reader, but not its rounds. */
 export class HiddenGame extends Error {
-  /** @param {any} summary */
   constructor(summary) {
     super("what happens in this game can be read after its end");
     this.summary = summary;
   }
 }
 
+/**
+ * A game of the server, with its first states.
+ * @param {string} id which says whether the game was imported
+ * @param {AbortSignal} signal
+ * @returns {Promise<Game>}
+ */
+export const openGame = (id, signal) => new ServedGame(id).open(signal);
+
+/** @param {string} id @returns {"imports" | "episodes"} */
+const kindOf = (id) => (id.startsWith("imp_") ? "imports" : "episodes");
+
+/** The page of a game. @param {string} id */
+export const pageOf = (id) => `/${kindOf(id)}/${encodeURIComponent(id)}`;
+
 /** @implements {Game} */
-export class ServedGame {
-  /**
-   * @param {"episodes" | "imports"} kind
-   * @param {string} id
-   */
-  constructor(kind, id) {
-    this.kind = kind;
+class ServedGame {
+  /** @param {string} id */
+  constructor(id) {
+    this.kind = kindOf(id);
     this.id = id;
-    this.base = kind === "imports" ? route`/api/v1/imports/${id}` : route`/api/v1/episodes/${id}`;
+    this.base = `/api/v1${pageOf(id)}`;
     this.token = tokenOf(id);
     this.head = /** @type {Head} */ (/** @type {unknown} */ (null));
     this.summary = /** @type {any} */ (null);
@@ -81,7 +79,6 @@ export class ServedGame {
     if (page instanceof Problem && page.status === 403) throw new HiddenGame(summary);
     if (page instanceof Error) throw page;
     this.summary = summary;
-    this.#setHead(page);
     this.#add(page);
     return this;
   }
@@ -91,14 +88,9 @@ export class ServedGame {
     return withQuery("/replay", { from, rounds: this.pageRounds, ground });
   }
 
-  /** @param {any} page */
-  #setHead(page) {
-    const { states: _, metrics: __, from: ___, length: ____, next: _____, ...head } = page;
+  /** Adds a page of the replay, also to one with which it overlaps. @param {any} page */
+  #add({ from, states, metrics = {}, next, length: _, ...head }) {
     this.head = { ...this.head, ...head, id: this.id };
-  }
-
-  /** @param {any} page */
-  #add({ from, states, metrics = {}, next }) {
     if (next !== null && next !== undefined && next > from) this.pageRounds = next - from;
     collectMarks(this.marks, states);
     const before = this.pages.find((piece) => piece.from < from && piece.from + piece.states.length > from);
@@ -110,10 +102,10 @@ export class ServedGame {
       // The first page stays: every visitor begins there.
       if (this.pages.length > PAGES_MAX) this.pages.splice(1, 1);
     }
-    this.changed();
+    this.#changed();
   }
 
-  changed() {
+  #changed() {
     for (const listener of this.listeners) listener();
   }
 
@@ -134,10 +126,7 @@ export class ServedGame {
     return piece ? piece.states[round - piece.from] : null;
   }
 
-  /**
-   * The state of a round; the next page is read ahead.
-   * @param {number} round
-   */
+  /** The state of a round; the next page is read ahead. @param {number} round */
   async load(round) {
     const state = this.peek(round) ?? (await this.#read(round));
     const ahead = Math.min(round + Math.ceil(this.pageRounds / 2), this.head.rounds);
@@ -152,7 +141,6 @@ export class ServedGame {
     if (pending) return pending.then(() => this.peek(round) ?? this.#read(round));
     const asked = this.pageRounds;
     const reading = this.get(this.#address(from, false)).then((page) => {
-      this.#setHead(page);
       this.#add(page);
       const state = this.peek(round);
       if (state) return state;
@@ -172,19 +160,14 @@ export class ServedGame {
     return piece ? piece.from + piece.states.length - 1 : border;
   }
 
-  /**
-   * @param {number} round
-   * @param {number} agent
-   * @param {AbortSignal} [signal]
-   */
+  /** @param {number} round @param {number} agent @param {AbortSignal} [signal] */
   async act(round, agent, signal) {
-    // The newest round changes until it is resolved.
-    const isOpen = round >= this.head.rounds;
     const name = `${round}/${agent}`;
     const known = this.acts.get(name);
     if (known) return known;
     const act = await this.get(route`/rounds/${round}/agents/${`Agent_${agent}`}`, signal);
-    if (!isOpen) this.acts.set(name, act);
+    // The newest round changes until it is resolved.
+    if (round < this.head.rounds) this.acts.set(name, act);
     if (this.acts.size > ACTS_MAX) this.acts.delete(this.acts.keys().next().value);
     return act;
   }
@@ -203,88 +186,75 @@ export class ServedGame {
     return this.get(withQuery("/line", { round, rounds: LINE_ROUNDS }), signal);
   }
 
-  /** @param {AbortSignal} signal */
-  async follow(signal) {
+  /** Reads what is new, and the end of the game. @param {AbortSignal} outer */
+  async follow(outer) {
+    // Most games are over when they are watched.
+    const { follow } = await import("./events.js");
     const own = new AbortController();
+    const signal = AbortSignal.any([outer, own.signal]);
+    let known = this.head.rounds;
+    let isOver = false;
+    let problem = null;
+    follow({ path: `${this.base}/events`, token: this.token, lastId: String(known) }, {
+      signal,
+      onEvent: ({ event, data }) => {
+        if (event === "round") known = Math.max(known, data.round);
+      },
+      onState: (state) => this.#setLost(state === "lost"),
+    })
+      .catch((error) => (problem = error))
+      .finally(() => (isOver = true));
     try {
-      await this.#follow(AbortSignal.any([signal, own.signal]));
+      for (let readAt = Date.now(); !(isOver && known <= this.head.rounds); await sleep(LIVE_MS, signal)) {
+        signal.throwIfAborted();
+        if (problem) throw problem;
+        if (known > this.head.rounds) await this.#catchUp(known, signal);
+        if (this.head.status === "waiting" && Date.now() - readAt > WAITING_MS) {
+          await this.#readSummary(signal);
+          readAt = Date.now();
+        }
+      }
+      if (problem) throw problem;
+      await this.#readSummary(signal);
     } finally {
       own.abort();
     }
   }
 
   /** @param {AbortSignal} signal */
-  async #follow(signal) {
-    let known = this.head.rounds;
-    let isOver = false;
-    let problem = null;
-    stream(withQuery(`${this.base}/events`, { after: known }), {
-      signal,
-      token: this.token,
-      onEvent: ({ event, data }) => {
-        if (event === "round") known = Math.max(known, data.round);
-        return event === "finished";
-      },
-      onState: (state) => this.#setLost(state === "lost"),
-    })
-      .catch((error) => (problem = error))
-      .finally(() => (isOver = true));
-
-    let readAt = Date.now();
-    while (!signal.aborted && !(isOver && known <= this.head.rounds)) {
-      if (problem) throw problem;
-      if (known > this.head.rounds) await this.#catchUp(known, signal);
-      if (this.head.status === "waiting" && Date.now() - readAt > WAITING_MS) {
-        await this.#readSummary(signal);
-        readAt = Date.now();
-      }
-      await sleep(LIVE_PAUSE_MS, signal);
-    }
-    if (signal.aborted) return;
-    if (problem) throw problem;
-    await this.#readSummary(signal);
-  }
-
-  /** @param {AbortSignal} signal */
   async #readSummary(signal) {
-    this.summary = await this.#persist(() => this.get("", signal), signal);
+    this.summary = await this.#persist("", signal);
     this.head = { ...this.head, status: this.summary.status, score: this.summary.score };
-    this.changed();
+    this.#changed();
   }
 
   /** Reads the newest states. @param {number} known @param {AbortSignal} signal */
   async #catchUp(known, signal) {
     const at = this.head.rounds;
     const from = this.piece(at) && known - at <= this.pageRounds ? at : this.#start(known);
-    const page = await this.#persist(() => this.get(this.#address(from, false), signal), signal);
-    this.#setHead(page);
-    this.#add(page);
+    this.#add(await this.#persist(this.#address(from, false), signal));
   }
 
-  /**
-   * Retries while the server does not answer or is busy; throws refusals.
-   * @param {() => Promise<any>} read
-   * @param {AbortSignal} signal
-   */
-  async #persist(read, signal) {
-    for (;;) {
-      try {
-        const answer = await read();
-        this.#setLost(false);
-        return answer;
-      } catch (error) {
-        const isRefused = error instanceof Problem && error.status >= 400 && error.status < 500 && error.status !== 429;
-        if (isRefused || signal.aborted) throw error;
-        this.#setLost(true);
-        await sleep(RETRY_MS, signal);
-      }
-    }
+  /** @param {string} path @param {AbortSignal} signal */
+  #persist(path, signal) {
+    return persist(() => this.get(path, signal), { signal, onLost: (isLost) => this.#setLost(isLost) });
   }
 
   /** @param {boolean} isLost */
   #setLost(isLost) {
     if (this.isLost === isLost) return;
     this.isLost = isLost;
-    this.changed();
+    this.#changed();
+  }
+}
+
+/** Adds later states to a page that overlaps with them. @param {Piece} piece @param {Piece} later */
+function join(piece, later) {
+  const kept = later.from - piece.from;
+  piece.states = [...piece.states.slice(0, kept), ...later.states];
+  for (const name of new Set([...Object.keys(piece.metrics), ...Object.keys(later.metrics)])) {
+    const before = piece.metrics[name] ?? Array(kept).fill(null);
+    const after = later.metrics[name] ?? Array(later.states.length).fill(null);
+    piece.metrics[name] = [...before.slice(0, kept), ...after];
   }
 }

@@ -1,5 +1,7 @@
 // The statuses of games and runs in words.
 import { html } from "../ui.js";
+import { route } from "../api.js";
+import { Text } from "./text.js";
 
 /** @type {Record<string, string>} */
 const GAMES = {
@@ -45,12 +47,9 @@ const FAILURES = {
 /** @param {string} kind */
 export const failureText = (kind) => FAILURES[kind] ?? kind;
 
-/** The numbers of answers that did not count, by reason. @param {Record<string, number> | undefined} failures */
-export const failuresText = (failures) =>
-  Object.entries(failures ?? {})
-    .sort(([, one], [, other]) => other - one)
-    .map(([kind, count]) => `${count} ${failureText(kind)}`)
-    .join(", ");
+/** The numbers of answers that did not count, by reason. @param {Record<string, number>} [failures] */
+export const failuresText = (failures = {}) =>
+  Object.entries(failures).sort(([, one], [, other]) => other - one).map(([kind, count]) => `${count} ${failureText(kind)}`).join(", ");
 
 /** @param {string | null | undefined} reason */
 export const reasonText = (reason) => (reason ? (REASONS[reason] ?? reason) : "");
@@ -58,14 +57,10 @@ export const reasonText = (reason) => (reason ? (REASONS[reason] ?? reason) : ""
 /** @param {string} status */
 export const runStatusText = (status) => RUNS[status] ?? "";
 
-/** @param {string} status */
-const isBad = (status) => ["aborted", "abandoned", "closed"].includes(status);
-
 /** A status as a word with a mark. @param {{status: string, of?: "game" | "run"}} props */
 export const Status = ({ status, of = "game" }) =>
-  html`<span class=${`badge ${isBad(status) ? "bad" : status === "running" ? "good" : ""}`} title=${(of === "run" ? RUNS : GAMES)[status]}
-    >${status}</span
-  >`;
+  html`<span class=${`badge ${["aborted", "abandoned", "closed"].includes(status) ? "bad" : status === "running" ? "good" : ""}`}
+    title=${(of === "run" ? RUNS : GAMES)[status]}>${status}</span>`;
 
 /** @param {number} count */
 export const roundsText = (count) => (count === 1 ? "1 round" : `${count} rounds`);
@@ -79,3 +74,14 @@ export function percent(share) {
 
 /** Marks an attempt of a competition that is played in place of a voided one. */
 export const OnSpareSeeds = () => html`<span class="badge" title="In place of a voided attempt, on other sealed seeds">on spare seeds</span>`;
+
+/** The status of an attempt, and why it was voided. @param {{one: any, children?: any}} props */
+export const AttemptStatus = ({ one: { status, voided }, children }) =>
+  html`${status}${voided && html`<div class="small"><span class="badge">voided</span> <${Text} value=${voided} />${children}</div>`}`;
+
+/** How many games of an attempt have ended. @param {{one: any}} props */
+export const AttemptGames = ({ one: { games, games_ended, run } }) => html`<progress value=${games_ended} max=${games} aria-label="Games that have ended"></progress>${" "}
+  <a class="number" href=${route`/runs/${run}`}>${games_ended} of ${games}</a>`;
+
+/** Who reads a game or a run before its end. @param {string | undefined} visibility */
+export const visibleTo = (visibility) => ({ public: "everybody", owner: "its creator", sealed: "nobody before the end" })[visibility ?? ""] ?? visibility;

@@ -30,6 +30,17 @@ const joins = (text, index) =>
 /** A short text in a line. @param {{value: unknown, title?: string}} props */
 export const Text = ({ value, title }) => html`<bdi class="foreign" title=${title}>${visible(value)}</bdi>`;
 
+/** The number of characters of a name in a table; the rest of a longer one is a press away. */
+const NAME_CHARS = 48;
+
+/** A name in a table. @param {{value: unknown}} props */
+export function Name({ value }) {
+  const text = visible(value);
+  const first = [...text].slice(0, NAME_CHARS).join("");
+  if (first === text) return html`<${Text} value=${value} />`;
+  return html`<details class="name"><summary title=${text}><bdi class="foreign">${first}…</bdi></summary><bdi class="foreign">${text}</bdi></details>`;
+}
+
 /** A text with its line breaks. @param {{value: unknown}} props */
 export const Lines = ({ value }) => html`<div class="foreign lines">${visible(value, true)}</div>`;
 
@@ -38,6 +49,5 @@ export function LongText({ value, label }) {
   const text = String(value ?? "");
   const shown = text.length > SHOWN_CHARS ? `${text.slice(0, SHOWN_CHARS)} …` : text;
   return html`<pre class="foreign long" tabindex="0" role="region" aria-label=${label}>${visible(shown, true)}</pre>
-    ${text.length > SHOWN_CHARS &&
-    html`<p class="muted">${text.length - SHOWN_CHARS} more characters are in the journal.</p>`}`;
+    ${text.length > SHOWN_CHARS && html`<p class="muted">${text.length - SHOWN_CHARS} more characters are in the journal.</p>`}`;
 }

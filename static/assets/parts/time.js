@@ -1,5 +1,5 @@
 // Times: local, with UTC beside it, and clocks that run.
-import { html, useEffect, useState } from "../ui.js";
+import { html, useEvery, useState } from "../ui.js";
 
 const LOCAL = new Intl.DateTimeFormat(undefined, { dateStyle: "medium", timeStyle: "short" });
 
@@ -23,20 +23,16 @@ export function duration(ms) {
   ];
   const first = parts.findIndex(([count]) => Number(count) > 0);
   if (first < 0) return "0 s";
-  return parts
-    .slice(first, first + 2)
-    .filter(([count], index) => index === 0 || Number(count) > 0)
-    .map(([count, unit]) => `${count} ${unit}`)
-    .join(" ");
+  const shown = parts.slice(first, first + 2).filter(([count], index) => index === 0 || Number(count) > 0);
+  return shown.map(([count, unit]) => `${count} ${unit}`).join(" ");
 }
 
-/** The time until a moment, or since. @param {{value: string}} props */
-export function Countdown({ value }) {
+/** The time until a moment, or since; of a moment that can only be ahead, “now” once it is there. @param {{value: string, isAhead?: boolean}} props */
+export function Countdown({ value, isAhead }) {
   const [now, setNow] = useState(Date.now());
-  useEffect(() => {
-    const timer = setInterval(() => setNow(Date.now()), 1000);
-    return () => clearInterval(timer);
-  }, []);
+  useEvery(1000, () => setNow(Date.now()));
   const left = new Date(value).getTime() - now;
-  return html`<span class="number">${left >= 0 ? `in ${duration(left)}` : `${duration(-left)} ago`}</span>`;
+  // A second is nothing: “0 s ago” would be odd.
+  if (Math.abs(left) < 1000) return html`<span class="number">now</span>`;
+  return html`<span class="number">${left >= 0 ? `in ${duration(left)}` : isAhead ? "now" : `${duration(-left)} ago`}</span>`;
 }

@@ -1,25 +1,25 @@
 // The window of one agent.
 import { html } from "../ui.js";
-import { AgentShape, CELL, shapeAt } from "./shapes.js";
+import { letterOf } from "./actions.js";
+import { readCell, signsIn, symbolOf } from "./cell.js";
+import { AgentShape, Arrow, CELL, shapeAt } from "./shapes.js";
 
+/** @import { Rules, Sign } from "./cell.js" */
 /** @import { Head, State } from "./game.js" */
 
 /** The maximum side of a window that is drawn, in cells; a larger one is text. */
 const DRAWN_MAX = 41;
 
-/** The symbols of a window in words. @type {Record<string, string>} */
-const NAMES = { W: "wall", B: "block", P: "prey", N: "nest", F: "food" };
-
 /**
  * A window in words, for screen readers: rows and columns count from its upper left corner.
  * @param {string[][]} cells
+ * @param {Rules} rules
  */
-export function describe(cells) {
+export function describe(cells, rules) {
   const found = cells.flatMap((row, i) =>
     row.flatMap((symbol, j) => {
-      if ([".", "*"].includes(symbol) || symbol === "W") return [];
-      const what = NAMES[symbol] ?? (symbol === "Y" ? "itself" : `agent ${symbol.replace("$", "")}${symbol.startsWith("$") ? " with a mark" : ""}`);
-      return [`${what} in row ${i + 1}, column ${j + 1}`];
+      const { kind, name } = readCell(symbol, rules);
+      return ["empty", "outside", "wall"].includes(kind) ? [] : [`${kind === "you" ? "itself" : name} in row ${i + 1}, column ${j + 1}`];
     }),
   );
   return found.length ? found.join("; ") : "nothing but cells and walls";
@@ -27,41 +27,31 @@ export function describe(cells) {
 
 /**
  * A window with the symbols of an observation: exactly what the agent saw.
- * @param {{cells: string[][], agent: number, label: string, isMarked?: boolean}} props `isMarked`: what the agent knows of
- *   its own light or load, which its symbol does not show
+ * @param {{cells: string[][], rules: Rules, agent: number, label: string, sign?: Sign, action?: string | null}} props `sign`: the
+ *   agent's own light or load, which its symbol does not show; `action`: what it chose, by its name
  */
-export function AgentWindow({ cells, agent, label, isMarked }) {
+export function AgentWindow({ cells, rules, agent, label, sign, action }) {
   const [rows, columns] = [cells.length, cells[0]?.length ?? 0];
   if (rows > DRAWN_MAX || columns > DRAWN_MAX) {
     const text = cells.map((row) => row.map((symbol) => symbol.padStart(3)).join("")).join("\n");
     return html`<pre class="window-text" tabindex="0" role="region" aria-label=${label}>${text}</pre>`;
   }
   const lines = `M0 0H${columns * CELL}V${rows * CELL}H0Z` + cells.map((_, i) => `M0 ${i * CELL}H${columns * CELL}`).join("") + (cells[0] ?? []).map((_, j) => `M${j * CELL} 0V${rows * CELL}`).join("");
-  return html`<svg class="agent-window cells" viewBox=${`-1 -1 ${columns * CELL + 2} ${rows * CELL + 2}`} role="img" aria-label=${`${label}: ${describe(cells)}`}>
+  return html`<svg class="agent-window cells" viewBox=${`-1 -1 ${columns * CELL + 2} ${rows * CELL + 2}`} role="img" aria-label=${`${label}: ${describe(cells, rules)}`}>
     <rect class="floor" width=${columns * CELL} height=${rows * CELL} />
     <path class="lattice" d=${lines} />
-    ${cells.flatMap((row, i) => row.map((symbol, j) => seen(symbol, i, j, agent, isMarked)))}
+    ${cells.flatMap((row, i) => row.map((symbol, j) => seen(symbol, i, j, rules, { agent, sign, action })))}
   </svg>`;
 }
 
-/**
- * @param {string} symbol
- * @param {number} i
- * @param {number} j
- * @param {number} agent
- * @param {boolean} [isMarked]
- */
-function seen(symbol, i, j, agent, isMarked) {
-  const number = /^\$?(\d+)$/.exec(symbol);
-  if (symbol !== "Y" && !number) return shapeAt(symbol, i, j);
-  const shown = number ? Number(number[1]) : agent;
+/** @param {string} symbol @param {number} i @param {number} j @param {Rules} rules @param {{agent: number, sign?: Sign, action?: string | null}} own */
+function seen(symbol, i, j, rules, { agent, sign, action }) {
+  const { kind, agent: other, sign: shown } = readCell(symbol, rules);
+  if (kind !== "you" && kind !== "agent") return shapeAt(symbol, i, j);
+  const isOwn = kind === "you";
+  const who = isOwn ? { agent, label: "me", sign, isChosen: true } : { agent: other, sign: shown };
   return html`<g key=${`${i},${j}`} transform=${`translate(${(j + 0.5) * CELL} ${(i + 0.5) * CELL})`}>
-    <${AgentShape}
-      agent=${shown}
-      label=${symbol === "Y" ? "me" : String(shown)}
-      isMarked=${number ? symbol.startsWith("$") : isMarked}
-      isChosen=${symbol === "Y"}
-    />
+    ${isOwn && html`<${Arrow} action=${letterOf(action)} agent=${agent} />`}<${AgentShape} ...${who} />
   </g>`;
 }
 
@@ -85,10 +75,10 @@ export function surroundings(head, state, agent) {
   const { block, prey } = state;
   if (block) for (const [di, dj] of head.block_cells ?? []) put(block[0] + di, block[1] + dj, "B");
   if (prey) put(prey[0], prey[1], "P");
+  const signOf = signsIn(head, state);
   for (let n = 0; n < head.num_agents; n++) {
     if (state.gone?.includes(n)) continue;
-    const isMarked = (state.lit ?? state.loaded)?.includes(n);
-    put(state.at[2 * n], state.at[2 * n + 1], n === agent ? "Y" : `${isMarked ? "$" : ""}${n}`);
+    put(state.at[2 * n], state.at[2 * n + 1], n === agent ? "Y" : symbolOf(head, n, signOf(n)));
   }
   return cells;
 }

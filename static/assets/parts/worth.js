@@ -1,7 +1,7 @@
 // What could still be scored: the worth of a game's states, as a bar beside the map, a curve over the rounds and in words, the
 // decisions that lost most, and how the reference would play on.
 import { html, useEffect, useMemo, useState } from "../ui.js";
-import { extent, short, stepPath } from "./chart.js";
+import { short } from "./chart.js";
 import { isLive } from "./game.js";
 import { useLoaded } from "./load.js";
 import { ProblemNote } from "./problem.js";
@@ -25,9 +25,6 @@ import { Text } from "./text.js";
  *
  * @typedef {{known: Worth | null, decisions: Decision[], problem: Error | null, reload: () => void, ask: () => void}} Losses
  */
-
-/** The size of the curve. */
-const [WIDTH, HEIGHT] = [1000, 60];
 
 /** The interval between reads of the worth of a running game. */
 const RELOAD_MS = 30_000;
@@ -121,35 +118,10 @@ export function useLosses(game, worth) {
   return { known, decisions, problem, reload, ask: () => setAsked(true) };
 }
 
-/** Worth and score on one scale, with the seats whose decisions lost most. @param {{worth: Worth, points: [number, number][], first: number, last: number, x: (round: number) => number, at: number, decisions: Decision[]}} props */
-export function WorthCurve({ worth, points, first, last, x, at, decisions }) {
-  const drawn = useMemo(() => {
-    const values = worth.values ?? [];
-    const states = /** @type {[number, number][]} */ (values.map((value, round) => [round, value])).slice(first, last + 1);
-    const [low, high] = extent([0, ...values, ...points.map(([, score]) => score)]);
-    const y = (/** @type {number} */ value) => HEIGHT - 4 - ((value - low) / (high - low)) * (HEIGHT - 8);
-    const [score, open] = [points, states].map((points) => stepPath(points, (round) => x(round) * WIDTH, y));
-    return { score, open, high, start: y(values[0] ?? 0) };
-  }, [worth, points, last]);
-  const marks = [...new Set(decisions.map(({ round }) => round))].sort((one, other) => one - other);
-  const seats = (/** @type {number} */ round) => decisions.filter((decision) => decision.round === round).map(agentOf).join();
-  return html`<svg viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} preserveAspectRatio="none" aria-hidden="true">
-      ${drawn.score && html`<path class="area" d=${`${drawn.score}V${HEIGHT}H0Z`} />`}
-      <path class="worth" d=${drawn.open} />
-      <line class="start" x1="0" x2=${WIDTH} y1=${drawn.start} y2=${drawn.start} />
-      <line class="now" x1=${x(at) * WIDTH} x2=${x(at) * WIDTH} y1="0" y2=${HEIGHT} />
-    </svg>
-    <span class="high" aria-hidden="true">${short(drawn.high)}</span>
-    <span class="low" aria-hidden="true">worth</span>
-    ${[0, 1].map((row) => marks.length > row && html`<div class="marks" aria-hidden="true">
-      ${marks.filter((_, index) => index % 2 === row).map((round) => html`<span class="bad" style=${{ left: `${x(round) * 100}%` }}>${seats(round)}?</span>`)}
-    </div>`)}`;
-}
-
 /** The decisions that lost most, each a button to its round. @param {{worth: Worth, losses: Losses, round: number, onShow: (decision: Decision) => void}} props */
 export function LossList({ worth, losses: { known, decisions, problem, reload, ask }, round, onShow }) {
   const isEmpty = known?.dearest && decisions.length === 0;
-  return html`<details class="losses" onToggle=${(/** @type {any} */ event) => event.currentTarget.open && ask()}>
+  return html`<details class="losses" onToggle=${(event) => event.currentTarget.open && ask()}>
     <summary>What decisions lost</summary>
     <p class="muted small">
       The worth of a state is the score that the reference, <${Text} value=${worth.reference} />, reaches from it on all seats. A decision lost as much as the worth would be higher if this agent alone had done what the reference does.
@@ -168,11 +140,7 @@ export function LossList({ worth, losses: { known, decisions, problem, reload, a
   </details>`;
 }
 
-/**
- * The reference's next rounds from the shown one, until another is shown.
- * @param {Game} game
- * @param {number} round
- */
+/** The reference's next rounds from the shown one, until another is shown. @param {Game} game @param {number} round */
 export function useLine(game, round) {
   const [asked, ask] = useState(-1);
   const isAsked = asked === round;

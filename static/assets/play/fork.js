@@ -1,21 +1,18 @@
 // Forks a game from the round on the page: a new game begins with that state.
 import { html, useEffect, useRef } from "../ui.js";
 import { visit } from "../app.js";
-import { remember, request, route } from "../api.js";
+import { request, route } from "../api.js";
 import { Secret } from "../parts/copy.js";
-import { HUMAN, Refused, onceKey, playerName } from "./player.js";
+import { Refused, allSeats, holdAll, onceKey } from "./player.js";
 
 /** @typedef {{id: string, round: number, token: string}} Fork */
 
 /** Makes a fork of a game. @param {string} id @param {number} round @returns {Promise<{fork?: Fork, problem?: Error}>} */
 export async function madeFork(id, round) {
   try {
-    const body = { round, model: playerName(), agent_meta: { ...HUMAN, seats: "all" } };
-    const made = await request(route`/api/v1/episodes/${id}/fork`, { method: "POST", body, idempotencyKey: onceKey() });
-    const [{ id: fork, swarm_token: token }] = made.episodes;
-    remember(`creator:${fork}`, token);
-    remember(`token:${fork}`, token);
-    return { fork: { id: fork, round, token } };
+    const body = { round, ...allSeats() };
+    const { episodes } = await request(route`/api/v1/episodes/${id}/fork`, { method: "POST", body, idempotencyKey: onceKey() });
+    return { fork: { id: holdAll(episodes[0]), round, token: episodes[0].swarm_token } };
   } catch (problem) {
     return { problem: /** @type {Error} */ (problem) };
   }

@@ -1,10 +1,10 @@
 // A held seat before the game starts: the missing players, and how to invite them.
 import { html, useState } from "../ui.js";
 import { remembered, request, route } from "../api.js";
-import { useLoaded } from "../parts/load.js";
+import { useLoaded, useTask } from "../parts/load.js";
 import { HUMAN, onceKey } from "./player.js";
 import { ProblemNote } from "../parts/problem.js";
-import { SeatTable } from "./seats.js";
+import { SeatTable } from "../parts/seats.js";
 import { Countdown } from "../parts/time.js";
 
 const AGAIN_MS = 3000;
@@ -12,11 +12,8 @@ const AGAIN_MS = 3000;
 /** @param {{id: string, token: string, summary: any, isLost: boolean}} props */
 export function Lobby({ id, token, summary, isLost }) {
   const waits = summary?.status === "waiting";
-  const claims = useLoaded(
-    (signal) => (waits ? request(route`/api/v1/episodes/${id}/claims`, { token, signal }) : Promise.resolve(null)),
-    [id, waits],
-    waits ? AGAIN_MS : undefined,
-  ).value;
+  const read = async (/** @type {AbortSignal} */ signal) => (waits ? request(route`/api/v1/episodes/${id}/claims`, { token, signal }) : null);
+  const claims = useLoaded(read, [id, waits], waits ? AGAIN_MS : undefined).value;
   const status = isLost ? "The server does not answer. It is asked again by itself." : "Loading …";
   if (!waits || !claims) return html`<h1>Play</h1><p role="status">${status}</p>`;
   const { open, seats } = claims;
@@ -27,8 +24,7 @@ export function Lobby({ id, token, summary, isLost }) {
         : "Every seat has a holder. The game starts when its creator starts it."}
     </p>
     <${Filled} config=${summary.config} createdAt=${summary.created_at} open=${open} />
-    ${open === 0 && html`<${Start} id=${id} />`}
-    ${open > 0 && html`<${Invite} id=${id} />`}
+    ${open > 0 ? html`<${Invite} id=${id} />` : html`<${Start} id=${id} />`}
     <${SeatTable} seats=${seats} />`;
 }
 
@@ -36,15 +32,15 @@ export function Lobby({ id, token, summary, isLost }) {
 function Filled({ config, createdAt, open }) {
   if (open === 0 || config.fill_after_s === null) return null;
   const moment = new Date(new Date(createdAt).getTime() + config.fill_after_s * 1000).toISOString();
-  return html`<p>Built-in players take the open seats <${Countdown} value=${moment} />.</p>`;
+  return html`<p>Built-in players take the open seats <${Countdown} value=${moment} isAhead />.</p>`;
 }
 
 /** @param {{id: string}} props */
 function Start({ id }) {
-  const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
+  const { problem, run } = useTask();
   const token = remembered(`creator:${id}`);
   if (!token) return null;
-  const start = () => request(route`/api/v1/episodes/${id}/start`, { method: "POST", token }).catch(setProblem);
+  const start = () => run(() => request(route`/api/v1/episodes/${id}/start`, { method: "POST", token }));
   return html`<p class="buttons"><button type="button" class="primary" onClick=${start}>Start</button></p>
     ${problem && html`<${ProblemNote} problem=${problem} />`}`;
 }
@@ -52,21 +48,17 @@ function Start({ id }) {
 /** @param {{id: string}} props */
 function Invite({ id }) {
   const [code, setCode] = useState("");
-  const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
-  const address = new URL(`/play/${encodeURIComponent(id)}`, location.href).href;
+  const { problem, run } = useTask();
+  const address = location.origin + route`/play/${id}`;
   const make = async () => {
-    try {
-      const body = { model: "human", agent_meta: HUMAN };
-      const claim = await request(route`/api/v1/episodes/${id}/claims`, { method: "POST", body, idempotencyKey: onceKey() });
-      setCode(claim.seats[0].token);
-    } catch (error) {
-      setProblem(/** @type {Error} */ (error));
-    }
+    const body = { model: "human", agent_meta: HUMAN };
+    const claim = await request(route`/api/v1/episodes/${id}/claims`, { method: "POST", body, idempotencyKey: onceKey() });
+    setCode(claim.seats[0].token);
   };
   return html`<h2>Invite others</h2>
     <p>On this page they take a seat: <a href=${address}>${address}</a></p>
     <p class="buttons">
-      <button type="button" onClick=${make}>Make a code for somebody without a key</button>
+      <button type="button" onClick=${() => run(make)}>Make a code for somebody without a key</button>
       ${code && html`<code class="foreign">${code}</code> <span class="muted">It is shown only now, and is for one seat.</span>`}
     </p>
     ${problem && html`<${ProblemNote} problem=${problem} />`}`;

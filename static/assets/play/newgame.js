@@ -1,18 +1,11 @@
 // Starts games for people: settings and fellow players.
-import { html, useState } from "../ui.js";
+import { html, submits, useState } from "../ui.js";
 import { visit } from "../app.js";
 import { remember, request, route } from "../api.js";
-import { HUMAN, NameField, Refused, onceKey, playerName } from "./player.js";
+import { useTask } from "../parts/load.js";
+import { GOALS, TASKS } from "../parts/goals.js";
+import { HUMAN, NameField, Refused, allSeats, holdAll, onceKey, playerName } from "./player.js";
 import { claimSeat } from "./take.js";
-
-/** @type {[string, string][]} */
-const TASKS = [
-  ["Pursuit", "Surround a prey that flees."],
-  ["Synchronization", "Get all lights on together, then off, again and again."],
-  ["Foraging", "Carry food to the nest, around walls."],
-  ["Flocking", "Form the outline of a square together."],
-  ["Transport", "Push a heavy block out of the way, and leave."],
-];
 
 /** Sizes by their names. @type {Record<string, Record<string, number>>} */
 const SIZES = {
@@ -31,7 +24,6 @@ function settingsOf(query) {
   return { ...FIRST, ...Object.fromEntries(given.map((name) => [name, name === "watch" ? query.get(name) === "true" : query.get(name)])) };
 }
 
-/** @param {any} form */
 const gameOf = (form) => ({
   task: form.task,
   num_agents: Number(form.num_agents),
@@ -54,55 +46,35 @@ const SEATS = {
     fill_with: form.player,
     visibility: form.watch ? "public" : "owner",
   }),
-  nobody: () => ({ model: playerName(), agent_meta: { ...HUMAN, seats: "all" }, visibility: "owner" }),
+  nobody: () => ({ ...allSeats(), visibility: "owner" }),
 };
 
 /** Creates a game, and takes a seat of it, or all. Returns its id. @param {any} form */
 async function createGame(form) {
   const body = { ...gameOf(form), ...SEATS[form.beside](form) };
   const game = await request("/api/v1/episodes", { method: "POST", body, idempotencyKey: onceKey() });
+  if (form.beside === "nobody") return holdAll(game);
   remember(`creator:${game.id}`, game.swarm_token);
-  if (form.beside === "nobody") remember(`token:${game.id}`, game.swarm_token);
-  else await claimOrEnd(game);
-  return game.id;
-}
-
-/** A game in which its creator gets no seat is ended. @param {{id: string, swarm_token: string}} game */
-async function claimOrEnd({ id, swarm_token: token }) {
   try {
-    await claimSeat(id, undefined, onceKey());
+    await claimSeat(game.id, "", onceKey());
   } catch (error) {
-    await request(route`/api/v1/episodes/${id}`, { method: "DELETE", token }).catch(() => {});
+    // A game in which its creator gets no seat is ended.
+    await request(route`/api/v1/episodes/${game.id}`, { method: "DELETE", token: game.swarm_token }).catch(() => {});
     throw error;
   }
+  return game.id;
 }
 
 /** Creates a run of a suite that one person plays, for its board. @param {string} suite */
 async function createRun(suite) {
-  const body = { suite, model: playerName(), agent_meta: { ...HUMAN, seats: "all" }, parallel: 1 };
-  const run = await request("/api/v1/runs", { method: "POST", body, idempotencyKey: onceKey() });
-  remember(`creator:${run.id}`, run.swarm_token);
-  remember(`token:${run.id}`, run.swarm_token);
-  return run.id;
+  const body = { suite, ...allSeats(), parallel: 1 };
+  return holdAll(await request("/api/v1/runs", { method: "POST", body, idempotencyKey: onceKey() }));
 }
 
 /** Runs one creation at a time, then opens the seat. */
 function useCreation() {
-  const [problem, setProblem] = useState(/** @type {Error | null} */ (null));
-  const [isBusy, setBusy] = useState(false);
-  /** @param {() => Promise<string>} create */
-  const start = async (create) => {
-    if (isBusy) return;
-    setBusy(true);
-    setProblem(null);
-    try {
-      visit(`/play/${encodeURIComponent(await create())}`);
-    } catch (error) {
-      setProblem(/** @type {Error} */ (error));
-      setBusy(false);
-    }
-  };
-  return { problem, isBusy, start };
+  const task = useTask();
+  return { ...task, start: (/** @type {() => Promise<string>} */ create) => task.run(async () => visit(route`/play/${await create()}`)) };
 }
 
 /** @param {{query: URLSearchParams}} props */
@@ -110,31 +82,12 @@ export function NewGame({ query }) {
   const [form, setForm] = useState(/** @type {any} */ (() => settingsOf(query)));
   const { problem, isBusy, start } = useCreation();
   /** @param {object} change */
-  const set = (change) => setForm((/** @type {any} */ form) => ({ ...form, ...change }));
-  /** @param {Event} event */
-  const submitted = (event) => {
-    event.preventDefault();
-    start(() => createGame(form));
-  };
-  return html`<form onSubmit=${submitted} class="new-game">
-    <fieldset>
-      <legend>Task</legend>
-      ${TASKS.map(
-        ([task, what]) => html`<label class="choice" key=${task}>
-          <input type="radio" name="task" checked=${form.task === task} onChange=${() => set({ task })} />
-          <span><b>${task}</b> <span class="muted">${what}</span></span>
-        </label>`,
-      )}
-    </fieldset>
-    <fieldset>
-      <legend>Who plays the other seats</legend>
-      <${Beside} form=${form} set=${set} />
-    </fieldset>
-    <${Size} form=${form} set=${set} />
-    <details>
-      <summary>More settings</summary>
-      <${More} form=${form} set=${set} />
-    </details>
+  const set = (change) => setForm((form) => ({ ...form, ...change }));
+  return html`<form onSubmit=${submits(() => start(() => createGame(form)))} class="new-game">
+    <fieldset><legend>Task</legend><${Choices} field="task" of=${TASKS.map((task) => [task, task, GOALS[task][0]])} form=${form} set=${set} /></fieldset>
+    <fieldset><legend>Who plays the other seats</legend><${Beside} form=${form} set=${set} /></fieldset>
+    <fieldset><legend>Size</legend><${Size} form=${form} set=${set} /></fieldset>
+    <details><summary>More settings</summary><${More} form=${form} set=${set} /></details>
     <${NameField} />
     <p><button type="submit" class="primary" aria-disabled=${isBusy}>${isBusy ? "Starting …" : "Play"}</button></p>
     ${problem && html`<${Refused} problem=${problem} what="The game" />`}
@@ -148,56 +101,43 @@ const BESIDE = [
   ["nobody", "I do, in turn", "You decide for every agent, one after another, with what that agent sees."],
 ];
 
+/** Values of a field, with their names and what they mean. @param {{field: string, of: [string, string, string][], form: any, set: (change: object) => void}} props */
+const Choices = ({ field, of, form, set }) => of.map(([value, name, what]) => html`<label class="choice" key=${value}>
+  <input type="radio" name=${field} checked=${form[field] === value} onChange=${() => set({ [field]: value })} />
+  <span><b>${name}</b> <span class="muted">${what}</span></span>
+</label>`);
+
 /** @param {{form: any, set: (change: object) => void}} props */
-const Beside = ({ form, set }) => html`${BESIDE.map(
-    ([beside, name, what]) => html`<label class="choice" key=${beside}>
-      <input type="radio" name="beside" checked=${form.beside === beside} onChange=${() => set({ beside })} />
-      <span><b>${name}</b> <span class="muted">${what}</span></span>
-    </label>`,
-  )}
+const Beside = ({ form, set }) => html`<${Choices} field="beside" of=${BESIDE} form=${form} set=${set} />
   ${form.beside === "others" &&
   html`<div class="row">
-    <label>Seconds until then <input type="number" min="0" max="604800" required value=${form.fill} onInput=${(/** @type {any} */ event) => set({ fill: event.target.value })} /></label>
-    <label><input type="checkbox" checked=${form.watch} onChange=${(/** @type {any} */ event) => set({ watch: event.target.checked })} /> listed, and everybody may watch</label>
+    <label>Seconds until then <input type="number" min="0" max="604800" required value=${form.fill} onInput=${(event) => set({ fill: event.target.value })} /></label>
+    <label><input type="checkbox" checked=${form.watch} onChange=${(event) => set({ watch: event.target.checked })} /> listed, and everybody may watch</label>
   </div>`}`;
 
 /** @param {{form: any, set: (change: object) => void}} props */
 function Size({ form, set }) {
   const isOf = (/** @type {Record<string, number>} */ size) => Object.entries(size).every(([field, value]) => Number(form[field]) === value);
-  return html`<fieldset>
-    <legend>Size</legend>
-    <p class="buttons">
-      ${Object.entries(SIZES).map(
-        ([name, size]) => html`<button type="button" key=${name} aria-pressed=${isOf(size)} onClick=${() => set(size)}>${name}</button>`,
-      )}
-      <span class="muted">${form.num_agents} agents, ${form.side} × ${form.side} cells, ${form.max_round} rounds</span>
-    </p>
-  </fieldset>`;
+  return html`<p class="buttons">
+    ${Object.entries(SIZES).map(([name, size]) => html`<button type="button" key=${name} aria-pressed=${isOf(size)} onClick=${() => set(size)}>${name}</button>`)}
+    <span class="muted">${form.num_agents} agents, ${form.side} × ${form.side} cells, ${form.max_round} rounds</span>
+  </p>`;
 }
 
 /** @param {{form: any, set: (change: object) => void}} props */
 function More({ form, set }) {
-  const to = (/** @type {string} */ field) => (/** @type {any} */ event) => set({ [field]: event.target.value });
+  const to = (/** @type {string} */ field) => (event) => set({ [field]: event.target.value });
   const number = (/** @type {string} */ field, /** @type {string} */ label, /** @type {number} */ min, /** @type {number} */ max) =>
     html`<label>${label} <input type="number" min=${min} max=${max} required value=${form[field]} onInput=${to(field)} /></label>`;
+  const choice = (/** @type {string} */ field, /** @type {string} */ label, /** @type {Record<string, string>} */ options) => html`<label>${label}
+    <select value=${form[field]} onChange=${to(field)}>${Object.entries(options).map(([value, name]) => html`<option value=${value}>${name}</option>`)}</select>
+  </label>`;
   return html`<div class="row">
     ${number("num_agents", "Agents", 1, 1024)} ${number("side", "Cells on a side", 8, 256)} ${number("max_round", "Rounds", 1, 100_000)}
     <label>Seed <input inputmode="numeric" pattern="[0-9]*" placeholder="random" value=${form.seed} onInput=${to("seed")} /></label>
     <label>Seconds a round <input type="number" min="1" max="86400" placeholder="no clock" value=${form.clock} onInput=${to("clock")} /></label>
-    <label
-      >Built-in player
-      <select value=${form.player} onChange=${to("player")}>
-        <option value="default">the task's own</option>
-        <option value="random">random</option>
-      </select></label
-    >
-    <label
-      >Control
-      <select value=${form.control} onChange=${to("control")}>
-        <option value="decentralized">decentralized: small windows</option>
-        <option value="centralized">centralized: Agent 0 commands</option>
-      </select></label
-    >
+    ${choice("player", "Built-in player", { default: "the task's own", random: "random" })}
+    ${choice("control", "Control", { decentralized: "decentralized: small windows", centralized: "centralized: Agent 0 commands" })}
   </div>
   <p class="muted small">With a clock each seat also has a bank of ${BANK_ROUNDS} rounds. Who knows the seed can compute the map.</p>`;
 }

@@ -13,6 +13,15 @@ export const playerName = () => remembered("player") ?? "human";
 /** The `agent_meta` of people's seats. */
 export const HUMAN = { kind: "human" };
 
+/** The creation of a game or a run of which a person plays all seats. */
+export const allSeats = () => ({ model: playerName(), agent_meta: { ...HUMAN, seats: "all" } });
+
+/** Keeps the token of a game or a run whose creator plays all seats. Returns its id. @param {{id: string, swarm_token: string}} made */
+export function holdAll({ id, swarm_token: token }) {
+  for (const name of ["creator", "token"]) remember(`${name}:${id}`, token);
+  return id;
+}
+
 /** A random text, so that a repeated request does not do its work twice. */
 export const onceKey = () => [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 
@@ -26,10 +35,7 @@ export const againQuery = (config) => ({
   control: config.control,
 });
 
-/**
- * The reason why a game or a seat was refused; most often a key is missing.
- * @param {{problem: Error, what: string}} props
- */
+/** The reason why a game or a seat was refused; most often a key is missing. @param {{problem: Error, what: string}} props */
 export function Refused({ problem, what }) {
   if (!(problem instanceof Problem) || problem.status !== 401 || key()) return html`<${ProblemNote} problem=${problem} what=${what} />`;
   return html`<div class="problem" role="alert">
@@ -41,15 +47,13 @@ export function Refused({ problem, what }) {
 
 export function NameField() {
   const [name, setName] = useState(playerName());
-  /** @param {any} event */
   const change = (event) => {
     setName(event.target.value);
     const isSeen = visible(event.target.value) === event.target.value;
     event.target.setCustomValidity(isSeen ? "" : "Every character of the name has to be visible.");
     remember("player", event.target.value.trim() || null);
   };
-  return html`<label class="field"
-    >Your name on boards
+  return html`<label class="field">Your name on boards
     <input value=${name} maxlength=${NAME_CHARS_MAX} autocomplete="nickname" onInput=${change} />
   </label>`;
 }

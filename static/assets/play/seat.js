@@ -1,14 +1,12 @@
 // A seat as its holder's browser plays it: observations and acts. A seat token has one agent; a swarm token has
 // several, of one game or of all games of a run, which are played in turn.
 import { useEffect, useRef, useState } from "../ui.js";
-import { Problem, request, sleep, withQuery } from "../api.js";
+import { Problem, persist, request, sleep, withQuery } from "../api.js";
 
 /** The maximum time that the server may hold a request back. */
 const WAIT_S = 25;
 /** The interval between looks at a game that has not started. */
 const START_MS = 2000;
-const FIRST_PAUSE_MS = 500;
-const LONGEST_PAUSE_MS = 8000;
 /** The interval between checks for games that others ended, while a person decides for one of several seats. */
 const LOOK_MS = 5000;
 /** After the end of a clock the server needs a moment to open the next round. */
@@ -29,17 +27,10 @@ const EMPTY = { obs: null, seenAt: 0, phase: "loading", receipt: null, isLost: f
 
 const ENDED = ["finished", "aborted", "abandoned"];
 
-/** Problems that pass: the same request is sent again. @param {Problem} problem */
-const passes = (problem) => [0, 429, 500, 502, 503].includes(problem.status);
-
 /** @param {string} token */
 export const hasManySeats = (token) => token.startsWith("swarm_");
 
-/**
- * Plays with a token while the page is open.
- * @param {string} token
- * @returns {Seat & {act: (choice: Choice) => void}}
- */
+/** Plays with a token while the page is open. @param {string} token @returns {Seat & {act: (choice: Choice) => void}} */
 export function useSeat(token) {
   const [seat, setSeat] = useState(EMPTY);
   const session = useRef(/** @type {Session | null} */ (null));
@@ -55,11 +46,7 @@ export function useSeat(token) {
 /** @typedef {{action: string, message?: string, to?: string}} Choice */
 
 class Session {
-  /**
-   * @param {string} token
-   * @param {AbortSignal} signal
-   * @param {(seat: Seat) => void} onChange
-   */
+  /** @param {string} token @param {AbortSignal} signal @param {(seat: Seat) => void} onChange */
   constructor(token, signal, onChange) {
     this.token = token;
     this.signal = signal;
@@ -78,24 +65,18 @@ class Session {
 
   /** Polls until all games are over. */
   async play() {
-    let pause = FIRST_PAUSE_MS;
-    while (!this.signal.aborted && this.seat.phase !== "over") {
-      try {
-        await this.look();
-        if (this.seat.isLost) this.set({ isLost: false });
-        pause = FIRST_PAUSE_MS;
-      } catch (error) {
-        if (this.signal.aborted) return;
-        const problem = asProblem(error);
-        if (!passes(problem)) return this.set({ phase: "failed", problem });
-        this.set({ isLost: true });
-        await sleep(Math.max(pause, problem.retryAfterMs ?? 0), this.signal);
-        pause = Math.min(pause * 2, LONGEST_PAUSE_MS);
-      }
+    try {
+      while (this.seat.phase !== "over") await this.persist(this.look);
+    } catch (problem) {
+      this.set({ phase: "failed", problem: /** @type {Problem} */ (problem) });
     }
   }
 
-  /** @param {any} obs */
+  /** @template T @param {() => Promise<T>} ask @param {() => boolean} [goesOn] */
+  persist(ask, goesOn) {
+    return persist(ask, { signal: this.signal, goesOn, onLost: (isLost) => isLost !== this.seat.isLost && this.set({ isLost }) });
+  }
+
   show(obs) {
     const phase = phaseOf(obs);
     const isSame = sameRound(obs, this.seat.obs);
@@ -125,54 +106,35 @@ class Session {
   /** Until this seat has acted, its clock is over, or it is time to see whether the game was ended. @param {any} obs */
   async acted(obs) {
     const over = new AbortController();
-    const stop = () => over.abort();
-    this.resume = stop;
-    this.signal.addEventListener("abort", stop);
-    await sleep(Math.min(LOOK_MS, (obs.remaining_ms ?? LOOK_MS) + CLOCK_GRACE_MS), over.signal);
-    this.signal.removeEventListener("abort", stop);
+    this.resume = () => over.abort();
+    await sleep(Math.min(LOOK_MS, (obs.remaining_ms ?? LOOK_MS) + CLOCK_GRACE_MS), AbortSignal.any([over.signal, this.signal]));
   }
 
-  /** @param {string} path */
-  ask(path) {
-    return request(path, { token: this.token, signal: this.signal });
+  /** @param {string} path @param {object} [body] of a post */
+  ask(path, body) {
+    return request(path, { method: body && "POST", body, token: this.token, signal: this.signal });
   }
 
-  /**
-   * Sends an act, and repeats it until there is an answer.
-   * @param {Choice} choice
-   */
+  /** Sends an act, and repeats it until there is an answer. @param {Choice} choice */
   async act(choice) {
     const { obs, phase } = this.seat;
     if (phase !== "choose") return;
     this.set({ phase: "sending", problem: null });
-    let pause = FIRST_PAUSE_MS;
-    while (!this.signal.aborted && sameRound(obs, this.seat.obs)) {
-      try {
-        const receipt = await this.send(obs, choice);
-        // The next round may arrive before the receipt.
-        const phase = sameRound(obs, this.seat.obs) ? "sent" : this.seat.phase;
-        this.set({ receipt, phase, isLost: false });
-        return this.resume();
-      } catch (error) {
-        if (this.signal.aborted) return;
-        const problem = asProblem(error);
-        if (!passes(problem)) return this.refused(obs, problem);
-        this.set({ isLost: true });
-        await sleep(Math.max(pause, problem.retryAfterMs ?? 0), this.signal);
-        pause = Math.min(pause * 2, LONGEST_PAUSE_MS);
-      }
+    try {
+      const receipt = await this.persist(() => this.send(obs, choice), () => sameRound(obs, this.seat.obs));
+      // The next round may arrive before the receipt.
+      if (receipt) this.set({ receipt, phase: sameRound(obs, this.seat.obs) ? "sent" : this.seat.phase });
+      this.resume();
+    } catch (problem) {
+      this.refused(obs, /** @type {Problem} */ (problem));
     }
   }
 
   /** @param {any} obs @param {Choice} choice */
   async send(obs, choice) {
     const act = { round: obs.round, ...choice };
-    if (!hasManySeats(this.token)) {
-      return request("/act", { method: "POST", token: this.token, body: act, signal: this.signal });
-    }
-    const acts = [{ episode: obs.episode, agent: obs.agent, ...act }];
-    const answer = await request("/swarm/act", { method: "POST", token: this.token, body: { acts }, signal: this.signal });
-    const [receipt] = answer.receipts;
+    if (!hasManySeats(this.token)) return this.ask("/act", act);
+    const [receipt] = (await this.ask("/swarm/act", { acts: [{ episode: obs.episode, agent: obs.agent, ...act }] })).receipts;
     if (receipt.code) throw new Problem(receipt.status, receipt);
     return receipt;
   }
@@ -186,15 +148,10 @@ class Session {
   }
 }
 
-/** An answer that broke off is no answer. @param {unknown} error */
-const asProblem = (error) => (error instanceof Problem ? error : new Problem(0, { detail: String(error) }));
-
-/** @param {any} obs */
 function phaseOf(obs) {
   if (ENDED.includes(obs.status)) return "over";
   if (obs.status === "waiting") return "waiting";
   return obs.acted || !obs.alive ? "sent" : "choose";
 }
 
-/** @param {any} a @param {any} b */
 export const sameRound = (a, b) => a && b && a.episode === b.episode && a.agent === b.agent && a.round === b.round;

@@ -54,6 +54,7 @@ export async function visitor(browser, program, { key, ...options } = {}) {
 export async function enterKey(page, key) {
   await page.goto("/");
   await page.getByRole("banner").getByRole("button", { name: "Key" }).click();
+  await page.getByRole("banner").getByRole("button", { name: /^Enter (a|another) key$/ }).click();
   const dialog = page.getByRole("dialog");
   await dialog.getByLabel("Key").fill(key);
   await dialog.getByRole("button", { name: "Use this key" }).click();
