@@ -120,11 +120,11 @@ class Calls:
             model: Name of a model.
             run: Id of a run.
             fork_of: Id of an episode: only its forks are listed.
-            people: `true`: only episodes in which people take part.
+            people: `true`: only episodes in which people take part and that anyone may read.
             sort: Order: `newest` (by default), `oldest`, `score` (highest first), `rounds` (most first) or `seed`
                 (lowest first); `-score`, `-rounds` and `-seed` turn these around, and list only ended episodes
                 that anyone may read.
-            curves: `true`: ended episodes have their `curve`.
+            curves: `true`: ended episodes have their `curve`; a sealed one once its competition is revealed.
             limit: Maximum number of items, up to 1,000; 50 by default.
             cursor: Cursor: the `next_cursor` of the previous page.
         """
