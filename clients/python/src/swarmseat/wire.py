@@ -1398,7 +1398,7 @@ class EpisodeSummary(TypedDict):
     """All settings of the episode."""
     created_at: str
     """Time of creation."""
-    curve: list[float] | None
+    curve: NotRequired[list[float] | None]
     """Scores in equal steps of rounds, the first before round 0 and the last at the end: at most 32. Only in lists
     that ask for them, and only of ended episodes.
     """
