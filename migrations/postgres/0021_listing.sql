@@ -4,7 +4,7 @@
 ALTER TABLE episodes ADD COLUMN score  double precision;                -- of an ended one, as its last record has it
 ALTER TABLE episodes ADD COLUMN rounds double precision;                -- all three are doubles: one query sorts by any of them
 ALTER TABLE episodes ADD COLUMN seed   double precision;
-ALTER TABLE episodes ADD COLUMN curve  text;                            -- up to 32 scores in equal steps of rounds, as a JSON array
+ALTER TABLE episodes ADD COLUMN curve  text COLLATE "C";                -- up to 32 scores in equal steps of rounds, as a JSON array
 ALTER TABLE episodes ADD COLUMN people boolean NOT NULL DEFAULT false;  -- true where somebody declared that a person plays
 
 UPDATE episodes
@@ -21,7 +21,7 @@ SET curve = '[0' || coalesce((
       AND ((r.round + 1) % greatest((episodes.rounds::bigint + 29) / 30, 1) = 0 OR r.round + 1 = episodes.rounds)), '') || ']'
 WHERE ended_at IS NOT NULL;
 
-CREATE FUNCTION pg_temp.is_human(record text, VARIADIC path text[]) RETURNS boolean LANGUAGE plpgsql AS $$
+CREATE FUNCTION swarmbench_is_human(record text, VARIADIC path text[]) RETURNS boolean LANGUAGE plpgsql AS $$
 BEGIN
     RETURN coalesce(record LIKE '%"human"%' AND record::json #>> path = 'human', false);
 EXCEPTION WHEN others THEN
@@ -30,8 +30,11 @@ END $$;
 
 UPDATE episodes
 SET people = true
-WHERE pg_temp.is_human(opening, 'agent_meta', 'kind')
-   OR key IN (SELECT episode FROM claims WHERE pg_temp.is_human(agent_meta, 'kind'));
+WHERE swarmbench_is_human(opening, 'agent_meta', 'kind')
+   OR key IN (SELECT episode FROM claims WHERE swarmbench_is_human(agent_meta, 'kind'));
+
+-- A temporary function would be dropped by a commit as its session ends, and a commit may wait for a standby.
+DROP FUNCTION swarmbench_is_human;
 
 -- A list in one of these orders is read from its index, filters included.
 CREATE INDEX episodes_public_by_score ON episodes (score, created_at, key, task, model, status, people)

@@ -29,7 +29,7 @@ use swarmbench_testkit::needs;
 use swarmbench_testkit::postgres::{Scratch, Standby};
 
 /// Seeds that are played where nobody says how many.
-const SEEDS: u64 = 3;
+const SEEDS: u64 = 4;
 
 /// Steps of a history, and after how many of them both stores are asked everything.
 const STEPS: usize = 120;

@@ -17,12 +17,13 @@ const OWN: [&str; 5] = ["changes", "cluster", "members", "nodes", "places"];
 const MIGRATIONS: &str = "_sqlx_migrations";
 
 /// Columns that are integers in SQLite, and truths in PostgreSQL.
-const TRUTHS: [(&str, &str); 7] = [
+const TRUTHS: [(&str, &str); 8] = [
     ("competitions", "hidden"),
     ("entries", "vouched"),
     ("episodes", "clocked"),
     ("episodes", "open_seats"),
     ("episodes", "own_games"),
+    ("episodes", "people"),
     ("episodes", "revealed"),
     ("runs", "revealed"),
 ];
