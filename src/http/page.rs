@@ -38,7 +38,7 @@ pub(super) struct Page {
     has_ended: bool,
 }
 
-/// Rows that were read for a page, and the last episode that was looked at where the list goes on after it.
+/// Rows of a page, and the episode after which a sorted list continues, if filters left the page short.
 pub(super) trait Found {
     type Row;
     fn split(self) -> (Vec<Self::Row>, Option<EpisodeKey>);

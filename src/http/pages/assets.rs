@@ -75,10 +75,9 @@ const FILE_BYTES_MAX: u64 = 4 * 1024 * 1024;
 /// Content of a file, unless it is longer than that of any page.
 fn read(path: &Path) -> Option<Vec<u8>> {
     let mut content = Vec::new();
-    let file = std::fs::File::open(path).ok()?.take(FILE_BYTES_MAX + 1);
-    let is_short =
-        std::io::BufReader::new(file).read_to_end(&mut content).ok()? as u64 <= FILE_BYTES_MAX;
-    is_short.then_some(content)
+    let mut file = std::fs::File::open(path).ok()?.take(FILE_BYTES_MAX + 1);
+    let bytes = file.read_to_end(&mut content).ok()?;
+    (bytes as u64 <= FILE_BYTES_MAX).then_some(content)
 }
 
 /// Path of a file in a folder; none for a name or a link that leads out of it. The folder itself may be a link, and links within it

@@ -29,7 +29,7 @@ pub struct Filter {
     pub fork_of: Option<String>,
     /// Whether the episodes are forks.
     pub forks: Option<bool>,
-    /// Whether only episodes in which people take part are listed; those of an open episode with several holders are secret.
+    /// Restriction to episodes in which people take part. Those of an open episode with several holders are secret.
     pub people: bool,
     /// Episodes that the caller may read.
     pub readable: Readable,
@@ -151,7 +151,7 @@ impl Filter {
         }
     }
 
-    /// Whether an index finds the episodes, which are few: of a run, forks of an episode, or what a token may read.
+    /// True if an index finds few episodes: those of a run, forks of an episode, or those that a token may read.
     const fn is_of_few(&self) -> bool {
         self.run.is_some()
             || self.fork_of.is_some()

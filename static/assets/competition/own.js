@@ -67,7 +67,7 @@ function Next({ competition, one, attempts, started }) {
   const counted = attempts.filter(({ voided }) => !voided);
   const now = Date.now();
   const isOpen = (/** @type {any} */ { opens_at }) => Date.parse(opens_at) <= now;
-  // A voided attempt has the time of the whole competition, as long as there are spare seeds.
+  // A voided attempt may be replaced until the competition closes, while spare seeds are left.
   const { opens_at, closes_at, spares, attempts_per_day: daily } = competition;
   const again = attempts.filter((one) => one.on_spare_seeds).length < spares ? { opens_at, closes_at } : {};
   const left = competition.attempts

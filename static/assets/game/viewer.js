@@ -62,7 +62,7 @@ export function Viewer({ game, parts, agent: chosen = 0, tools = {}, children })
   const later = usePart(parts.later, Boolean(shows.windows || shows.table));
   const codes = usePart(parts.codes, String(game.summary.model).startsWith("built-in") || game.summary.config?.open_seats > 0);
 
-  // Whoever reaches the newest round of a running game follows it.
+  // A visitor at the newest round of a running game follows it.
   const go = useCallback((/** @type {number} */ to) => move({ round: live && to >= newest ? null : to }), [live, newest]);
   const choose = (/** @type {number} */ agent) => move({ agent });
   const toMark = async (/** @type {1 | -1} */ direction) => {
