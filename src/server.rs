@@ -271,6 +271,8 @@ impl Server {
     ) -> Result<(), StartError> {
         let Self { app, joining } = self;
         let stop = app.stop.clone();
+        // A server that is dropped while it serves leaves no tasks on threads of its own.
+        let _stops = stop.clone().drop_guard();
         if let Some(hosted) = app.registry.take_hosted() {
             let playing = hosted::run(hosted, Arc::clone(app.registry.host()), stop.clone());
             app.workers.spawn_in_background(Box::pin(playing)).unwrap_or_else(|playing| {
