@@ -56,6 +56,53 @@ visit("games are sorted by the server, both ways, and a link keeps the order", a
   await page.locator("svg.sparkline").first().waitFor();
 });
 
+/** Answers of at most `count` items. @param {import("playwright-core").Page} page @param {string} list @param {number} count */
+const inPagesOf = (page, list, count) =>
+  page.route(new RegExp(`/api/v1/${list}\\?`), (route) => route.continue({ url: route.request().url().replace(/limit=\d+/, `limit=${count}`) }));
+
+visit("a long board is sorted with all its rows, also those that were not read yet", async ({ page }) => {
+  await inPagesOf(page, "leaderboard", 1);
+  const players = () => page.locator("table.board tbody tr:not(.part) th a").allTextContents();
+  await open(page, "/board/small");
+  await page.getByRole("button", { name: "More" }).waitFor();
+  assert.equal((await players()).length, 1);
+  await page.getByRole("columnheader", { name: "Player" }).getByRole("button").click();
+  await page.getByText("3 rows, sorted by player.").waitFor();
+  await settled(page);
+  assert.deepEqual((await players()).slice(0, 2), ["m-large", "m-small"]);
+});
+
+visit("Back finds a list as long as it was, and its place", async ({ page }) => {
+  await inPagesOf(page, "episodes", 2);
+  await page.setViewportSize({ width: 1000, height: 300 });
+  await open(page, "/episodes?task=Foraging");
+  const rows = page.getByRole("region", { name: "Games", exact: true }).locator("tbody tr");
+  await page.getByRole("button", { name: "More" }).click();
+  await rows.nth(3).waitFor();
+  await settled(page);
+  const length = await rows.count();
+  await rows.last().scrollIntoViewIfNeeded();
+  const place = await page.evaluate(() => scrollY);
+  assert.ok(place > 0);
+  await rows.last().getByRole("link").first().click();
+  await page.waitForURL("**/episodes/ep_*");
+  await page.goBack();
+  await rows.nth(length - 1).waitFor();
+  await page.waitForFunction((place) => Math.abs(scrollY - place) < 20, place);
+});
+
+visit("a curve of zeros is not drawn", async ({ page }) => {
+  await page.route(/\/api\/v1\/episodes\?/, async (route) => {
+    const response = await route.fetch();
+    const page = await response.json();
+    await route.fulfill({ response, json: { ...page, items: page.items.map((/** @type {any} */ one) => ({ ...one, curve: one.model === "beta" ? [0, 0, 0] : one.curve })) } });
+  });
+  await open(page, "/episodes?task=Foraging");
+  const curves = (/** @type {string} */ model) => page.getByRole("row").filter({ has: page.getByRole("cell", { name: model }) }).locator("svg.sparkline");
+  await curves("alpha/one").first().waitFor();
+  assert.equal(await curves("beta").count(), 0);
+});
+
 visit("a part of a model's name narrows the list at once, and its whole name asks the server", async ({ page }) => {
   await open(page, "/episodes");
   const model = page.getByRole("combobox", { name: "Model" }).or(page.getByRole("searchbox", { name: "Model" }));
