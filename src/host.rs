@@ -1,7 +1,6 @@
 //! Resources of the host besides time and randomness: free space on a disk, memory, and open files.
 
 use std::path::{Component, Path, PathBuf};
-use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Raises the limit of open files as far as the host allows, and returns it; `None` means no limit.
 pub fn raise_open_files() -> Option<u64> {
@@ -107,27 +106,6 @@ pub struct OtherHostsDisk;
 impl Disk for OtherHostsDisk {
     fn space(&self) -> Option<DiskSpace> {
         None
-    }
-}
-
-/// A disk of 100 MiB, for tests.
-#[derive(Debug)]
-pub struct ManualDisk(AtomicU8);
-
-impl ManualDisk {
-    pub const fn new(free_percent: u8) -> Self {
-        Self(AtomicU8::new(free_percent))
-    }
-
-    pub fn set(&self, free_percent: u8) {
-        self.0.store(free_percent, Ordering::Relaxed);
-    }
-}
-
-impl Disk for ManualDisk {
-    fn space(&self) -> Option<DiskSpace> {
-        let free = u64::from(self.0.load(Ordering::Relaxed)).min(100);
-        Some(DiskSpace { free: free << 20, used: (100 - free) << 20 })
     }
 }
 

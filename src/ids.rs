@@ -301,7 +301,7 @@ mod tests {
         assert!(one.take(1, at(5000)) < two.take(1, at(5001)));
         assert!(two.take(1, at(6000)) < one.take(1, at(6001)));
     }
-    use swarmbench_clock::SeededEntropy;
+    use swarmbench_testkit::host::SeededEntropy;
 
     #[test]
     fn a_token_with_any_character_changed_is_refused_unseen() {

@@ -5,7 +5,7 @@ use sqlx::SqlSafeStr as _;
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 
 /// Version, description and text of each file in `migrations/sqlite`.
-const SQLITE: [(i64, &str, &str); 21] = [
+const SQLITE: [(i64, &str, &str); 22] = [
     (1, "journal", include_str!("../migrations/sqlite/0001_journal.sql")),
     (2, "keys", include_str!("../migrations/sqlite/0002_keys.sql")),
     (3, "runs", include_str!("../migrations/sqlite/0003_runs.sql")),
@@ -27,10 +27,11 @@ const SQLITE: [(i64, &str, &str); 21] = [
     (19, "networks", include_str!("../migrations/sqlite/0019_networks.sql")),
     (20, "labels", include_str!("../migrations/sqlite/0020_labels.sql")),
     (21, "listing", include_str!("../migrations/sqlite/0021_listing.sql")),
+    (22, "usage", include_str!("../migrations/sqlite/0022_usage.sql")),
 ];
 
 /// The same of `migrations/postgres`. A version makes the same tables and columns in both.
-const POSTGRES: [(i64, &str, &str); 8] = [
+const POSTGRES: [(i64, &str, &str); 9] = [
     (14, "tables", include_str!("../migrations/postgres/0014_tables.sql")),
     (15, "fleet", include_str!("../migrations/postgres/0015_fleet.sql")),
     (16, "lists", include_str!("../migrations/postgres/0016_lists.sql")),
@@ -39,6 +40,7 @@ const POSTGRES: [(i64, &str, &str); 8] = [
     (19, "networks", include_str!("../migrations/postgres/0019_networks.sql")),
     (20, "labels", include_str!("../migrations/postgres/0020_labels.sql")),
     (21, "listing", include_str!("../migrations/postgres/0021_listing.sql")),
+    (22, "usage", include_str!("../migrations/postgres/0022_usage.sql")),
 ];
 
 /// Migrations of SQLite, oldest first.

@@ -1,6 +1,6 @@
 //! Boards of a database, read once and updated with each commit.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use swarmbench_engine::{Settings, TaskName};
@@ -18,10 +18,15 @@ use swarmbench_boards::result::RunResult;
 use swarmbench_boards::run::is_human;
 use swarmbench_boards::{Decentralization, EndedGame, Owner, PlayedRun, Player, Slot};
 use swarmbench_journal::record::{Record, RecordedConfig};
+use swarmbench_protocol::carried::Carried;
+use swarmbench_protocol::names::BUILT_IN;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 /// Rule sets of the built-in suites.
 const RULES: [&str; 2] = ["paper", "reference"];
+
+/// Party of a team that no key created; keys have positive numbers.
+const TEAM_WITHOUT_KEY: i64 = 0;
 
 pub type MixedGames = BTreeMap<EpisodeKey, Arc<MixedGame>>;
 
@@ -136,7 +141,11 @@ impl Standings {
                     }
                 }
                 Change::Episode(episode) => match self.store.run_of(episode).await? {
-                    Some(run) => self.read_run(cached, run).await?,
+                    Some(run) => {
+                        self.read_run(cached, run).await?;
+                        // Several holders may have played a game of a run, too.
+                        self.read_mixed(cached, episode).await?;
+                    }
                     None => self.read_mixed(cached, episode).await?,
                 },
             }
@@ -232,21 +241,32 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
             Ok(EndedGame {
                 slot: Slot { task: task(&game.task)?, seed: game.seed },
                 score: game.score,
-                answers: game.acts,
-                invalid: game.invalid,
-                failures: game.failures,
-                timeouts: game.timeouts,
+                tally: game.tally,
                 voided: game.voided,
             })
         })
         .collect::<Result<Vec<_>, StoreError>>()?;
-    let is_hosted = definition.player.is_some();
-    // The server vouches for a hosted player only under the player's own name.
-    let own_name = definition.player.as_ref().map(|player| format!("built-in/{player}"));
-    let is_own_name = own_name.as_ref() == Some(&definition.model);
+    // The server vouches for hosted players only under the players' own names.
+    let is_own = |player: &Option<String>, model: &str| {
+        player.as_ref().is_some_and(|player| model.strip_prefix(BUILT_IN) == Some(player))
+    };
+    let is_own_name = match definition.holders.as_slice() {
+        [] => is_own(&definition.player, &definition.model),
+        holders => holders.iter().all(|holder| is_own(&holder.player, &holder.model)),
+    };
+    // An ended game can be read by its holders, who then play the same layout again.
+    let slots: BTreeSet<Slot> = games.iter().map(|game| game.slot).collect();
+    let is_blind = definition.holders.len() > 1 && slots.len() == games.len();
+    let is_enforced = is_blind || definition.is_all_hosted();
     let prompt = definition.prompt();
     let prompt_name = definition.prompt_name();
-    let is_human = is_human(&definition.meta);
+    let sampling = definition.further_sampling();
+    let is_human = is_human(&definition.meta)
+        || definition.holders.iter().any(|holder| is_human(&holder.agent_meta));
+    let mut holders = definition.shown_holders();
+    for holder in &mut holders {
+        holder.agent_meta = Carried::default();
+    }
     let run = PlayedRun {
         player: Player {
             owner: stored.owner.map(|owner| Owner { id: owner.id, name: owner.name }),
@@ -254,6 +274,8 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
             temperature: definition.temperature,
             top_p: definition.top_p,
             prompt,
+            holders,
+            sampling,
         },
         id: stored.id,
         status: stored.status,
@@ -261,7 +283,7 @@ fn finished_run(stored: BoardRun) -> Result<FinishedRun, StoreError> {
         vouched: stored.vouched || is_own_name,
         decentralization: match definition.suite.settings.control.as_str() {
             "centralized" => None,
-            _ if is_hosted => Some(Decentralization::Enforced),
+            _ if is_enforced => Some(Decentralization::Enforced),
             _ => Some(Decentralization::Declared),
         },
         is_human,
@@ -294,7 +316,14 @@ fn mixed_game(stored: BoardMixed) -> Result<MixedGame, StoreError> {
     let task = task.ok_or_else(|| broken(format!("its task {:?} is unknown", config.task)))?;
     let settings = serde_json::to_string(&settings(&config)).map_err(|e| broken(e.to_string()))?;
     let setting = Setting { task, rules: config.rules, settings };
-    let model = |(name, vouched, owner)| Model { name, vouched, owner };
+    // A team plays for its creator, also where no key says who that is; players of the server play for nobody.
+    let is_members = |name: &String| {
+        config.holders.iter().any(|holder| holder.player.is_none() && holder.model == *name)
+    };
+    let model = |(name, vouched, owner): (String, bool, Option<i64>)| {
+        let owner = owner.or_else(|| is_members(&name).then_some(TEAM_WITHOUT_KEY));
+        Model { name, vouched, owner }
+    };
     Ok(MixedGame {
         setting,
         score: stored.score,

@@ -21,11 +21,11 @@ use tracing_subscriber::util::SubscriberInitExt as _;
 
 use swarmbench_protocol::names::shown;
 
-use crate::fair;
+use crate::fair::Origin;
 
 /// Spawns a part of a request with its log span, its party and its rank.
 pub fn spawn<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> JoinHandle<T> {
-    tokio::spawn(fair::inherit(work).in_current_span().boxed())
+    tokio::spawn(Origin::current().scope(work).in_current_span().boxed())
 }
 
 /// The task of some work panicked, or its runtime is shut down.
@@ -58,7 +58,7 @@ pub fn detached_by<T: Send + 'static, W: Future<Output = T> + Send + 'static>(
 ) -> impl Future<Output = Result<T, Lost>> + Send + use<T, W> {
     let (done, result) = oneshot::channel();
     let task = async move { drop(done.send(work.await)) };
-    spawn(Box::pin(fair::inherit(task).in_current_span()));
+    spawn(Box::pin(Origin::current().scope(task).in_current_span()));
     async { result.await.map_err(|_| Lost) }
 }
 

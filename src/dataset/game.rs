@@ -89,7 +89,8 @@ impl DatasetGame {
         let to: Vec<AgentState> = self.world().agent_states().collect();
         let acts = round.acts.into_iter().map(|act| {
             let own = act.agent.index();
-            if let Some(used) = act.record.usage.and_then(|usage| usage.completion_tokens) {
+            if let Some(used) = act.record.usage.as_ref().and_then(|usage| usage.completion_tokens)
+            {
                 let tokens = &mut self.tokens[own];
                 *tokens = Some(tokens.unwrap_or(0).saturating_add(used));
             }
@@ -128,7 +129,7 @@ impl DatasetGame {
             rest.push(("answer_reader", json!(config.answer_reader)));
         }
         if opening.prompt_revision > 1 {
-            rest.push(("prompt", json!(self.header.prompt().to_string())));
+            rest.push(("prompt", json!(self.header.prompt())));
         }
         if let Some(run) = &opening.run {
             rest.push(("run", json!(run)));
@@ -194,7 +195,7 @@ impl DatasetGame {
         let seen = turn.before.observe(act.agent);
         let record = &act.record;
         let holder = self.header.holder(act.agent);
-        let latency = record.usage.and_then(|usage| usage.latency_ms);
+        let latency = record.usage.as_ref().and_then(|usage| usage.latency_ms);
         #[expect(clippy::cast_precision_loss, reason = "no answer takes thousands of years")]
         let seconds_of = |millis: u64| millis as f64 / 1000.0;
         AgentRow {

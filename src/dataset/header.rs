@@ -1,11 +1,13 @@
 //! Facts about a stored episode that need no replay: its settings and the holders of its seats.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use swarmbench_boards::run::{SYSTEM_MESSAGE, reads_prompts};
+use serde::Serialize;
+use swarmbench_boards::run::{EVALUATION, SYSTEM_MESSAGE, reads_prompts};
 use swarmbench_engine::AgentId;
 use swarmbench_journal::record::{HeldSeat, Opening, Record, SeatHolder, Seats};
 use swarmbench_prompt::Identity;
+use swarmbench_protocol::carried::Carried;
 
 use crate::store::port::StoredEpisode;
 
@@ -57,24 +59,73 @@ impl Header {
         self.holders.len() > 1
     }
 
-    /// The identity of the prompt that the creator's player could ask for.
-    pub fn prompt(&self) -> Identity {
-        let Opening { config, prompt_template, prompt_revision, agent_meta, .. } = &self.opening;
-        let template = config.custom_template.then_some(prompt_template.as_str());
-        Identity::of(template, *prompt_revision, agent_meta.get(SYSTEM_MESSAGE))
+    /// The name of the prompt that the creator's player could ask for; of a team, the different names of its members.
+    pub fn prompt(&self) -> String {
+        self.prompt_name().unwrap_or_else(|| self.prompt_of(&self.opening.agent_meta))
     }
 
-    /// The name of that prompt, if the creator's player reads prompts.
+    /// The same; `None` if nobody reads prompts.
     pub fn prompt_name(&self) -> Option<String> {
         let Opening { config, agent_meta, .. } = &self.opening;
-        let is_read = reads_prompts(&config.model, config.player.as_deref(), agent_meta);
-        is_read.then(|| self.prompt().to_string())
+        if config.holders.is_empty() {
+            let is_read = reads_prompts(&config.model, config.player.as_deref(), agent_meta);
+            return is_read.then(|| self.prompt_of(agent_meta));
+        }
+        let readers = self.holders.iter().filter(|holder| is_reader(holder));
+        let names: BTreeSet<String> =
+            readers.map(|holder| self.prompt_of(&holder.agent_meta)).collect();
+        (!names.is_empty()).then(|| Vec::from_iter(names).join("; "))
+    }
+
+    /// The name of the prompt of a player with these declarations.
+    fn prompt_of(&self, agent_meta: &Carried) -> String {
+        let Opening { config, prompt_template, prompt_revision, .. } = &self.opening;
+        let template = config.custom_template.then_some(prompt_template.as_str());
+        let own = Identity::of(template, *prompt_revision, agent_meta.get(SYSTEM_MESSAGE));
+        own.with_harness(agent_meta.get(EVALUATION)).to_string()
+    }
+
+    /// Number of seats of each model of a team; `None` where no team plays.
+    pub fn team(&self) -> Option<BTreeMap<&str, usize>> {
+        let mut seats = BTreeMap::new();
+        for holder in &self.opening.config.holders {
+            *seats.entry(holder.model.as_str()).or_default() += holder.seats.len();
+        }
+        (!seats.is_empty()).then_some(seats)
+    }
+
+    /// Holders of a team, in order of their numbers; `None` where no team plays.
+    pub fn team_holders(&self) -> Option<Vec<TeamSeats<'_>>> {
+        let is_team = !self.opening.config.holders.is_empty();
+        let holders = self.holders.iter().enumerate().map(|(place, holder)| TeamSeats {
+            model: &holder.model,
+            seats: self.seats.iter().filter(|seat| **seat == place).count(),
+            prompt: is_reader(holder).then(|| self.prompt_of(&holder.agent_meta)),
+            agent_meta: &holder.agent_meta,
+        });
+        is_team.then(|| holders.collect())
     }
 
     /// Models of all holders.
     pub fn models(&self) -> BTreeSet<&str> {
         self.holders.iter().map(|holder| holder.model.as_str()).collect()
     }
+}
+
+/// Holder of a team in the table of episodes.
+#[derive(Serialize)]
+pub struct TeamSeats<'a> {
+    model: &'a str,
+    /// Number of its seats.
+    seats: usize,
+    /// Name of its prompt; `None` for players that read none.
+    prompt: Option<String>,
+    agent_meta: &'a Carried,
+}
+
+/// True if the holder's player reads prompts.
+fn is_reader(holder: &SeatHolder) -> bool {
+    reads_prompts(&holder.model, holder.player.as_deref(), &holder.agent_meta)
 }
 
 /// Seats of an episode without a seating record: no seat was open to others, or the episode never began.

@@ -17,6 +17,7 @@ use crate::store::metrics::{Measured, stored_method};
 use crate::store::port::StoredEpisode;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::{RecordedConfig, Source};
+use swarmbench_protocol::act::{Usage, UsageSums};
 use swarmbench_protocol::failure::Failure;
 use swarmbench_protocol::worth::GameWorth;
 
@@ -179,6 +180,13 @@ const OF_EPISODES: &[Column] = &[
     ("answer_reader", Kind::Text),
     ("fork_of", Kind::Text),
     ("fork_round", Kind::Whole),
+    ("team", Kind::Text),
+    ("team_holders", Kind::Text),
+    ("cached_tokens", Kind::Whole),
+    ("cache_write_tokens", Kind::Whole),
+    ("reasoning_tokens", Kind::Whole),
+    ("cost_usd", Kind::Real),
+    ("priced", Kind::Whole),
 ];
 
 const OF_ACTS: &[Column] = &[
@@ -202,6 +210,11 @@ const OF_ACTS: &[Column] = &[
     ("completion_tokens", Kind::Whole),
     ("latency_ms", Kind::Whole),
     ("bank_spent_ms", Kind::Whole),
+    ("first_token_ms", Kind::Whole),
+    ("cached_tokens", Kind::Whole),
+    ("cache_write_tokens", Kind::Whole),
+    ("reasoning_tokens", Kind::Whole),
+    ("cost_usd", Kind::Real),
 ];
 
 const OF_ROUNDS: &[Column] = &[
@@ -389,6 +402,16 @@ pub fn episode(header: &Header, stored: &StoredEpisode, outcome: &Outcome) -> Ve
     cells.extend([header.prompt_name().as_ref().into(), (&config.answer_reader).into()]);
     let fork = opening.fork.as_ref();
     cells.extend([fork.map(|fork| &fork.episode).into(), fork.map(|fork| fork.round).into()]);
+    cells.push(header.team().map(|team| json(&team)).into());
+    cells.push(header.team_holders().map(|holders| json(&holders)).into());
+    let spent = &tally.usage;
+    cells.extend([
+        spent.cached_tokens.into(),
+        spent.cache_write_tokens.into(),
+        spent.reasoning_tokens.into(),
+        spent.cost_usd().into(),
+        spent.priced.into(),
+    ]);
     for metric in Metric::ALL {
         let (value, rounds) = measured.value(Definition::Paper, metric);
         cells.extend([value.into(), rounds.into()]);
@@ -433,12 +456,19 @@ pub fn view(game: &DatasetGame, turn: &Turn, agent: AgentId) -> Option<Vec<Cell>
     Some(cells)
 }
 
+/// Cost of an answer in US dollars.
+fn cost_usd(usage: &Usage) -> Option<f64> {
+    let mut sums = UsageSums::NONE;
+    sums.count(usage);
+    sums.cost_usd()
+}
+
 /// The row of an act of the last played round.
 pub fn act(game: &DatasetGame, turn: &Turn, act: &GameAct, worth: Option<&GameWorth>) -> Vec<Cell> {
     let record = &act.record;
     let holder = game.header.holder(act.agent);
     let at = turn.before.agent_states().nth(act.agent.index()).map(|state| state.at);
-    let usage = record.usage.unwrap_or_default();
+    let usage = record.usage.as_deref().copied().unwrap_or_default();
     let source = match record.source {
         Source::Player => "player",
         Source::Clock => "clock",
@@ -465,6 +495,11 @@ pub fn act(game: &DatasetGame, turn: &Turn, act: &GameAct, worth: Option<&GameWo
         usage.completion_tokens.into(),
         usage.latency_ms.into(),
         record.bank_spent_ms.into(),
+        usage.first_token_ms.into(),
+        usage.cached_tokens.into(),
+        usage.cache_write_tokens.into(),
+        usage.reasoning_tokens.into(),
+        cost_usd(&usage).into(),
     ]);
     let loss = worth.and_then(|worth| {
         let round = worth.losses.as_ref()?.get(turn.round as usize)?;

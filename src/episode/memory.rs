@@ -3,6 +3,7 @@
 use swarmbench_engine::{Config, World};
 
 use super::spec::Spec;
+use swarmbench_journal::record::TeamHolder;
 
 /// Maximum bytes of a board's cell.
 const CELL: usize = 3;
@@ -52,7 +53,11 @@ pub fn of_world(config: &Config, round: u32) -> usize {
 /// Bytes of the description with the creator's declarations, counted for each game although games of a run share them.
 fn beside_states(spec: &Spec) -> usize {
     let template = if spec.custom_template { spec.prompt_template.len() } else { 0 };
-    let declared = spec.agent_meta.0.len() + template;
+    let holder = |holder: &TeamHolder| {
+        size_of::<TeamHolder>() + holder.name.len() + holder.model.len() + 2 * holder.seats.len()
+    };
+    let holders: usize = spec.holders.iter().map(holder).sum();
+    let declared = spec.agent_meta.0.len() + template + holders;
     EPISODE + declared + usize::from(spec.config.num_agents()) * SEAT
 }
 

@@ -6,7 +6,7 @@
 use jiff::Timestamp;
 use swarmbench_engine::AgentId;
 
-use super::spec::Spec;
+use super::spec::{Spec, shared};
 use crate::store::entries::{Held, Holder};
 use swarmbench_clock::after;
 use swarmbench_journal::record::{HeldSeat, Record, SeatHolder, Seats};
@@ -46,10 +46,16 @@ impl Seating {
         if !spec.is_seated() {
             return None;
         }
-        let own = |agent| if spec.open_seats.contains(&agent) { None } else { Some(0) };
+        let is_given =
+            |agent: AgentId| spec.open_seats.contains(&agent) || !spec.holders.is_empty();
+        let own = |agent| if is_given(agent) { None } else { Some(0) };
         let mut seats: Vec<Option<u32>> = spec.agents().map(own).collect();
         let mut known = Vec::with_capacity(holders.len());
-        for (holder, agents) in holders {
+        for (mut holder, agents) in holders {
+            // All games of a run declare the same of its team.
+            if !spec.holders.is_empty() {
+                holder.agent_meta = Carried(shared(&holder.agent_meta.0));
+            }
             for agent in agents {
                 seats[agent.index()] = Some(holder.number);
             }
@@ -195,6 +201,7 @@ mod tests {
             fill_after: Some(Duration::from_secs(5)),
             fill_with: Some("random".to_owned()),
             player: None,
+            holders: Vec::new(),
         }
     }
 

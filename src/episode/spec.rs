@@ -9,7 +9,7 @@ use swarmbench_engine::{AgentId, Config, RULES_REVISION, World};
 
 use crate::ids::EpisodeId;
 use swarmbench_clock::millis;
-use swarmbench_journal::record::{self, FORMAT, Fork, Opening, RecordedConfig};
+use swarmbench_journal::record::{self, FORMAT, Fork, Opening, RecordedConfig, TeamHolder};
 use swarmbench_protocol::carried::Carried;
 pub use swarmbench_protocol::status::Visibility;
 
@@ -52,6 +52,8 @@ pub struct Spec {
     pub fill_with: Option<String>,
     /// Name of the built-in player that the server hosts on the creator's seats.
     pub player: Option<String>,
+    /// Holders of a team, which has all seats from the creation on; holder 1 is the first.
+    pub holders: Vec<TeamHolder>,
 }
 
 impl Spec {
@@ -69,28 +71,43 @@ impl Spec {
         (0..self.config.num_agents()).map(AgentId)
     }
 
-    /// Whether the creator plays for this agent: its seat was not open, and the server does not play it.
+    /// Whether the creator plays for this agent: its seat was not open, no team has it, and the server does not play it.
     pub fn is_creators(&self, agent: AgentId) -> bool {
-        self.player.is_none() && !self.open_seats.contains(&agent)
+        self.player.is_none() && self.holders.is_empty() && !self.open_seats.contains(&agent)
+    }
+
+    /// Whether holder `number` of a team plays for this agent.
+    pub fn is_of_team_holder(&self, number: u32, agent: AgentId) -> bool {
+        let holder = (number as usize).checked_sub(1).and_then(|place| self.holders.get(place));
+        holder.is_some_and(|holder| holder.player.is_none() && holder.seats.contains(&agent.0))
     }
 
     /// Whether several holders have seats.
     pub fn is_mixed(&self) -> bool {
-        !self.open_seats.is_empty()
+        !self.open_seats.is_empty() || !self.holders.is_empty()
     }
 
     /// Whether the server may play seats.
     pub fn may_be_hosted(&self) -> bool {
-        self.player.is_some() || self.fill_after.is_some()
+        let is_hosted = |holder: &TeamHolder| holder.player.is_some();
+        self.player.is_some() || self.fill_after.is_some() || self.holders.iter().any(is_hosted)
     }
 
     /// Whether the server plays all seats: no client waits for rounds.
     pub fn is_all_hosted(&self) -> bool {
-        self.player.is_some() && !self.is_mixed()
+        let is_hosted = |holder: &TeamHolder| holder.player.is_some();
+        match self.holders.as_slice() {
+            [] => self.player.is_some() && !self.is_mixed(),
+            holders => holders.iter().all(is_hosted),
+        }
     }
 
     /// Maximum number of seats that the server plays.
     pub fn hosted_max(&self) -> usize {
+        if !self.holders.is_empty() {
+            let hosted = self.holders.iter().filter(|holder| holder.player.is_some());
+            return hosted.map(|holder| holder.seats.len()).sum();
+        }
         let open = self.open_seats.len();
         let own = usize::from(self.config.num_agents()) - open;
         let filled = if self.fill_after.is_some() { open } else { 0 };
@@ -104,7 +121,7 @@ impl Spec {
 
     /// Whether the episode waits for something before its first round.
     pub fn begins_waiting(&self) -> bool {
-        self.manual_start || self.is_mixed()
+        self.manual_start || !self.open_seats.is_empty()
     }
 
     /// Whether the episode advances without requests: a clock runs, or the server plays.
@@ -132,6 +149,7 @@ impl Spec {
             fill_after_ms: self.fill_after.map(millis),
             fill_with: self.fill_with.clone(),
             player: self.player.clone(),
+            holders: self.holders.clone(),
             ..RecordedConfig::of(&self.config)
         }
     }
@@ -196,12 +214,13 @@ impl Spec {
             fill_after: config.fill_after_ms.map(Duration::from_millis),
             fill_with: config.fill_with.clone(),
             player: config.player.clone(),
+            holders: config.holders.clone(),
         })
     }
 }
 
-/// Interns texts that games share: what is declared of their player, and the template of their prompts.
-fn shared(text: &str) -> Arc<str> {
+/// Interns texts that games share: what is declared of their players, and the template of their prompts.
+pub(super) fn shared(text: &str) -> Arc<str> {
     static TEXTS: LazyLock<Mutex<HashSet<Arc<str>>>> = LazyLock::new(Mutex::default);
     let mut texts = TEXTS.lock().expect("nothing panics while it holds this");
     if let Some(known) = texts.get(text) {

@@ -35,8 +35,8 @@ pub(super) enum Caller {
     },
     Seat(EpisodeId, AgentId),
     Swarm(EpisodeId, Seats),
-    /// All seats of all episodes of a run.
-    Run(RunKey),
+    /// Seats of all episodes of a run.
+    Run(RunKey, Seats),
     Key(Key),
 }
 
@@ -50,6 +50,8 @@ pub(super) struct Subject<'a> {
     pub(super) visibility: Visibility,
     /// True if the seats belong to several holders.
     pub(super) is_mixed: bool,
+    /// True if others may claim seats, or could before.
+    pub(super) is_claimable: bool,
     pub(super) is_over: bool,
     /// Readers of a sealed episode once it has ended.
     pub(super) opened: Opened,
@@ -101,7 +103,7 @@ impl FromRequestParts<App> for Caller {
         let (owner, caller) = match grant {
             Grant::Seat { episode, owner, agent } => (owner, Self::Seat(episode, agent)),
             Grant::Swarm { episode, owner, seats } => (owner, Self::Swarm(episode, seats)),
-            Grant::Run { run, owner, .. } => (owner, Self::Run(run)),
+            Grant::Run { run, seats, owner, .. } => (owner, Self::Run(run, seats)),
             Grant::Key(key) if key.is_good(app.clock.wall()) => (key.number, Self::Key(key)),
             Grant::Key(_) => return Err(unknown_token()),
         };
@@ -203,7 +205,7 @@ impl Caller {
         match self {
             Self::Key(key) => Ok(key),
             Self::Anonymous { .. } => Err(needs_token("a key")),
-            Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
+            Self::Seat(..) | Self::Swarm(..) | Self::Run(..) => {
                 let detail = "a token of an episode is for playing; send the key";
                 Err(ApiError::new(Code::Forbidden, detail))
             }
@@ -225,7 +227,8 @@ impl Caller {
         }
         match self {
             Self::Swarm(own, Seats::Creators) => Some(own) == episode.id,
-            Self::Run(own) => Some(*own) == episode.run,
+            // A holder of a team plays for itself, and not for the creator.
+            Self::Run(own, Seats::Creators) => Some(*own) == episode.run,
             Self::Key(key) => {
                 self.is_organizer() || (key.number.is_some() && key.number == episode.owner)
             }
@@ -233,8 +236,13 @@ impl Caller {
             Self::Anonymous { may_create } => {
                 *may_create && episode.owner.is_none() && episode.visibility == Visibility::Public
             }
-            Self::Seat(..) | Self::Swarm(_, Seats::Claimed(_)) => false,
+            Self::Seat(..) | Self::Swarm(..) | Self::Run(..) => false,
         }
+    }
+
+    /// Holders of a team that no key created, whose creator nobody can prove to be.
+    pub(super) fn plays_for_nobody(&self, run: Subject<'_>) -> bool {
+        run.owner.is_none() && matches!(self, Self::Run(own, _) if Some(*own) == run.run)
     }
 
     /// An overseer sees all of the episode before its end, with its seed. The creator is not one if there are several holders, as
@@ -247,7 +255,7 @@ impl Caller {
     fn is_known(&self, episode: Subject<'_>) -> bool {
         match self {
             Self::Seat(own, _) | Self::Swarm(own, _) => Some(own) == episode.id,
-            Self::Run(own) => Some(*own) == episode.run,
+            Self::Run(own, _) => Some(*own) == episode.run,
             Self::Key(_) => true,
             Self::Anonymous { .. } => false,
         }
@@ -278,10 +286,10 @@ impl Caller {
     pub(super) fn may_know(&self, access: &Access, episode: Subject<'_>) -> bool {
         self.may_read(access, episode)
             || self.owns(episode)
-            || (episode.is_mixed && self.may_play())
+            || (episode.is_claimable && self.may_play())
             || match self {
                 Self::Seat(own, _) | Self::Swarm(own, _) => Some(own) == episode.id,
-                Self::Run(own) => Some(*own) == episode.run,
+                Self::Run(own, _) => Some(*own) == episode.run,
                 Self::Key(key) => key.number.is_some() && key.number == episode.owner,
                 Self::Anonymous { .. } => false,
             }
@@ -295,7 +303,7 @@ impl Caller {
             Self::Anonymous { may_create: false }
             | Self::Seat(..)
             | Self::Swarm(..)
-            | Self::Run(_) => false,
+            | Self::Run(..) => false,
         }
     }
 
@@ -310,8 +318,8 @@ impl Caller {
             }),
             Self::Swarm(own, Seats::Creators) if access.private => Readable::Only(own.clone()),
             Self::Swarm(own, Seats::Creators) => Readable::And(own.clone()),
-            Self::Run(own) if access.private => Readable::OnlyOfRun(*own),
-            Self::Run(own) => Readable::AndOfRun(*own),
+            Self::Run(own, _) if access.private => Readable::OnlyOfRun(*own),
+            Self::Run(own, _) => Readable::AndOfRun(*own),
             Self::Swarm(..) | Self::Seat(..) | Self::Anonymous { .. } if access.private => {
                 Readable::Nothing
             }
@@ -351,7 +359,7 @@ impl Caller {
             _ if !access.private => Ok(()),
             Self::Key(_) => Ok(()),
             Self::Anonymous { .. } => Err(needs_token("a key")),
-            Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
+            Self::Seat(..) | Self::Swarm(..) | Self::Run(..) => {
                 let detail = "this server is private: boards need a key";
                 Err(ApiError::new(Code::Forbidden, detail))
             }
@@ -379,7 +387,7 @@ impl Caller {
         let owner = self.player(app, detail)?;
         let id = match self {
             Self::Key(key) => Some(key.id.clone()),
-            Self::Anonymous { .. } | Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => None,
+            Self::Anonymous { .. } | Self::Seat(..) | Self::Swarm(..) | Self::Run(..) => None,
         };
         Ok((owner, id))
     }
@@ -400,7 +408,7 @@ impl Caller {
                 "this server has no keys and is open to programs on its own machine only, that ask for localhost themselves; \
                  its operator can make a key with `swarmbench key create`",
             )),
-            Self::Seat(..) | Self::Swarm(..) | Self::Run(_) => {
+            Self::Seat(..) | Self::Swarm(..) | Self::Run(..) => {
                 Err(ApiError::new(Code::Forbidden, detail))
             }
         }
@@ -428,7 +436,7 @@ impl TokenSeat {
                 return Ok(Self { handle: app.episode(&episode).await?, agent });
             }
             Caller::Anonymous { .. } => return Err(needs_token("a seat token")),
-            Caller::Swarm(..) | Caller::Run(_) => {
+            Caller::Swarm(..) | Caller::Run(..) => {
                 "this is a swarm token; use /swarm/obs and /swarm/act, or a seat token here"
             }
             Caller::Key(_) => "a key holds no seat; send the seat token that came with the episode",
@@ -439,8 +447,8 @@ impl TokenSeat {
 
 pub(super) enum Swarm {
     Episode(EpisodeId, Seats),
-    /// All seats of all episodes of a run.
-    Run(RunKey),
+    /// Seats of all episodes of a run.
+    Run(RunKey, Seats),
 }
 
 impl FromRequestParts<App> for Swarm {
@@ -449,7 +457,7 @@ impl FromRequestParts<App> for Swarm {
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, ApiError> {
         let detail = match Caller::from_request_parts(parts, app).await? {
             Caller::Swarm(episode, seats) => return Ok(Self::Episode(episode, seats)),
-            Caller::Run(run) => return Ok(Self::Run(run)),
+            Caller::Run(run, seats) => return Ok(Self::Run(run, seats)),
             Caller::Anonymous { .. } => return Err(needs_token("a swarm token")),
             Caller::Seat(..) => "this is a seat token; use /obs and /act, or a swarm token here",
             Caller::Key(_) => {

@@ -13,14 +13,25 @@ use swarmbench_protocol::problem::FieldProblem;
 /// Maximum nesting of an `agent_meta`. Records that carry it are nested a little deeper, and JSON is read to a depth of 127.
 pub(super) const AGENT_META_DEPTH_MAX: usize = 64;
 
+/// Problems of one request that are named; a body of the largest size can have as many as it has numbers.
+pub(super) const FIELD_PROBLEMS_MAX: usize = 100;
+
 /// Problems found in a request so far.
 #[derive(Default)]
-pub(super) struct Problems(Vec<FieldProblem>);
+pub(super) struct Problems {
+    named: Vec<FieldProblem>,
+    /// Number of those that are counted only.
+    more: usize,
+}
 
 impl Problems {
     /// Adds the problem of a field.
     pub(super) fn refuse(&mut self, field: &str, problem: impl Into<String>) {
-        self.0.push(FieldProblem { field: field.to_owned(), problem: problem.into() });
+        if self.named.len() < FIELD_PROBLEMS_MAX {
+            self.named.push(FieldProblem { field: field.to_owned(), problem: problem.into() });
+        } else {
+            self.more += 1;
+        }
     }
 
     /// Adds the problem of a field, if there is one.
@@ -31,10 +42,14 @@ impl Problems {
     }
 
     /// The checked value, if there are no problems.
-    pub(super) fn none_or<T>(self, checked: Option<T>) -> Result<T, ApiError> {
+    pub(super) fn none_or<T>(mut self, checked: Option<T>) -> Result<T, ApiError> {
+        if let (Some(last), more @ 1..) = (self.named.last_mut(), self.more) {
+            let more = format!("; and {more} more problems (field_problems_max)");
+            last.problem.push_str(&more);
+        }
         match checked {
-            Some(checked) if self.0.is_empty() => Ok(checked),
-            _ => Err(ApiError::fields(self.0)),
+            Some(checked) if self.named.is_empty() => Ok(checked),
+            _ => Err(ApiError::fields(self.named)),
         }
     }
 
@@ -100,6 +115,23 @@ impl Problems {
         }
     }
 
+    /// Checks how a player is sampled.
+    pub(super) fn sampling(&mut self, temperature: Option<f64>, top_p: Option<f64>) {
+        for (field, value, most) in [("temperature", temperature, 10.0), ("top_p", top_p, 1.0)] {
+            if let Some(value) = value.filter(|value| !(0.0..=most).contains(value)) {
+                self.refuse(field, format!("must be from 0 to {most}, is {value}"));
+            }
+        }
+    }
+
+    /// Adds the problems of the fields of `object`.
+    pub(super) fn add_within(&mut self, object: &str, Self { named, more }: Self) {
+        for FieldProblem { field, problem } in named {
+            self.refuse(&format!("{object}.{field}"), problem);
+        }
+        self.more += more;
+    }
+
     /// Checks further declarations about the player.
     pub(super) fn agent_meta(&mut self, limits: &Limits, meta: &Carried) {
         let (bytes, most) = (meta.0.len(), limits.agent_meta_bytes_max);
@@ -122,6 +154,13 @@ impl Problems {
             self.refuse("prompt_template", error.to_string());
         }
     }
+}
+
+/// Checks the reason of an action.
+pub(super) fn checked_reason(app: &App, reason: String) -> Result<String, ApiError> {
+    let mut problems = Problems::default();
+    problems.text("reason", &reason, app.limits.reason_chars_max);
+    problems.none_or(Some(reason))
 }
 
 /// The beginning of a text, for messages.

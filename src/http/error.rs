@@ -310,6 +310,10 @@ impl From<RunError> for ApiError {
     fn from(error: RunError) -> Self {
         match error {
             RunError::Store(error) => error.into(),
+            RunError::Over(_) => Self::new(Code::EpisodeOver, error.to_string()),
+            RunError::GameOpen | RunError::RepeatedOften => {
+                Self::new(Code::Changed, error.to_string())
+            }
             error => Self::no_journal(&error),
         }
     }

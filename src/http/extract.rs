@@ -84,7 +84,7 @@ const UNKNOWN_FIELDS_MAX: usize = 20;
 pub(super) const BODY_VALUES_MAX: usize = 8192;
 
 /// Parses JSON. The error tells invalid JSON from wrong fields.
-pub(super) fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
+pub fn read<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
     let most = BODY_VALUES_MAX;
     if bytes.len() > most && count_values(bytes) > most {
         any_json(bytes).map_err(|error| no_json(&error))?;
@@ -195,7 +195,7 @@ fn in_json(kind: &str) -> &str {
 }
 
 /// Names of a body's fields.
-pub(super) fn fields<T: DeserializeOwned>() -> &'static [&'static str] {
+fn fields<T: DeserializeOwned>() -> &'static [&'static str] {
     let mut fields = Fields(&[]);
     // Deserialization always fails, but only after the struct has passed on its fields.
     drop(T::deserialize(&mut fields));
@@ -295,39 +295,15 @@ pub(super) fn optional_flag<'de, D: Deserializer<'de>>(
 #[serde(deny_unknown_fields)]
 pub(super) struct Nothing {}
 
-/// The id in a path. Invalid UTF-8 becomes an unknown id.
-pub(super) struct Id(pub(super) String);
+/// The id in a path, or the ids, each within the one before. Invalid UTF-8 becomes an unknown id.
+pub(super) struct Id<T = String>(pub(super) T);
 
-impl<S: Sync + Send> FromRequestParts<S> for Id {
+impl<T: DeserializeOwned + Send, S: Sync + Send> FromRequestParts<S> for Id<T> {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
-        let id = Path::<String>::from_request_parts(parts, state).await;
-        id.map(|Path(id)| Self(id)).map_err(|_| ApiError::not_found("the id"))
-    }
-}
-
-pub(super) struct Ids(pub(super) String, pub(super) String);
-
-impl<S: Sync + Send> FromRequestParts<S> for Ids {
-    type Rejection = ApiError;
-
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
-        let ids = Path::<(String, String)>::from_request_parts(parts, state).await;
-        ids.map(|Path((of, id))| Self(of, id)).map_err(|_| ApiError::not_found("the id"))
-    }
-}
-
-/// Three ids in a path, each within the one before.
-pub(super) struct ThreeIds(pub(super) String, pub(super) String, pub(super) String);
-
-impl<S: Sync + Send> FromRequestParts<S> for ThreeIds {
-    type Rejection = ApiError;
-
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
-        let ids = Path::<(String, String, String)>::from_request_parts(parts, state).await;
-        ids.map(|Path((whole, part, id))| Self(whole, part, id))
-            .map_err(|_| ApiError::not_found("the id"))
+        let ids = Path::<T>::from_request_parts(parts, state).await;
+        ids.map(|Path(ids)| Self(ids)).map_err(|_| ApiError::not_found("the id"))
     }
 }
 
@@ -342,8 +318,8 @@ impl<S: Sync + Send> FromRequestParts<S> for AgentPlace {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
-        let place = Path::<(String, String, String)>::from_request_parts(parts, state).await;
-        let Path((id, round, agent)) = place.map_err(|_| ApiError::not_found("the id"))?;
+        let Id((id, round, agent)) =
+            Id::<(String, String, String)>::from_request_parts(parts, state).await?;
         let round = round.parse().map_err(|_| ApiError::not_found("the round"))?;
         Ok(Self { id, round, agent })
     }

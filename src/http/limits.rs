@@ -1,6 +1,6 @@
 //! Every limit of the server by its name; the unit is the last part.
 
-use super::checks::AGENT_META_DEPTH_MAX;
+use super::checks::{AGENT_META_DEPTH_MAX, FIELD_PROBLEMS_MAX};
 use super::client::NETWORKS_PER_SITE_MAX;
 use super::extract::BODY_VALUES_MAX;
 use super::serve::HEAD_BYTES_MAX;
@@ -87,6 +87,10 @@ limits! {
         run_games_max: usize = 1000,
         /// Games of one run that are open at a time.
         run_parallel_max: u32 = 64,
+        /// Holders of a run's team.
+        run_holders_max: usize = 64,
+        /// Bytes of `agent_meta` of all holders of a run's team: each of its games stores them.
+        holders_meta_bytes_max: usize = 64 * 1024,
         /// Rounds that a fork may take over.
         fork_rounds_max: u32 = 10_000,
         /// Forks that one request makes.
@@ -165,6 +169,7 @@ limits! {
         mcp_values_max = MCP_VALUES_MAX,
         body_values_max = BODY_VALUES_MAX,
         agent_meta_depth_max = AGENT_META_DEPTH_MAX,
+        field_problems_max = FIELD_PROBLEMS_MAX,
         waiting_max = WAITING_MAX,
         head_bytes_max = HEAD_BYTES_MAX,
         replay_rounds_max = ROUNDS_MAX,

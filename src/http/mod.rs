@@ -53,7 +53,9 @@ mod timers;
 mod tokens;
 mod waiting;
 
+pub use agent::act::submission;
 pub use app::{Access, App, Foundation};
+pub use extract::read;
 pub use forward::{Forwarder, ForwardingPeers};
 pub use front::Front;
 pub use pages::Source;
@@ -67,6 +69,6 @@ mod prelude {
     pub(super) use super::auth::{Caller, Organizer, Overseer};
     pub(super) use super::checks::Problems;
     pub(super) use super::error::{ApiError, Code};
-    pub(super) use super::extract::{Id, Ids, Json, Nothing, OptionalJson, Params, Unread};
+    pub(super) use super::extract::{Id, Json, Nothing, OptionalJson, Params, Unread};
     pub(super) use crate::telemetry::detached;
 }

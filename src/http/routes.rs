@@ -1,13 +1,19 @@
-//! The facts of each route, in one table: which server of a cluster answers, who may ask, how urgent it is, and whether it waits.
+//! Every route, in one table: its handler, which server of a cluster answers, who may ask, how urgent it is, and whether it waits.
 //!
-//! The handlers stand in [`super::router`]. A test asks every operation of the OpenAPI document for its row here.
+//! Method and path are those that the handler declares: a test asks every operation of the OpenAPI document for its row here.
 
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
 use axum::http::Method;
 use utoipa::openapi::security::SecurityRequirement;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
 
+use super::{
+    App, agent, audit, boards, claims, clock, competitions, episodes, exports, host, imports, keys,
+    runs, servers, swarm,
+};
 use crate::fair::Rank;
 
 use At::{Anywhere, Competition, Episode, Fork, Host, New, NewCompetition, Run, Token};
@@ -148,107 +154,156 @@ impl RouteRow {
     }
 }
 
-/// The routes by which games are played come first: they are found first.
-pub(super) const PLAYS: [RouteRow; 4] = [
-    row("GET", "/obs", Token, Seat).plays(Play::Look),
-    row("POST", "/act", Token, Seat).plays(Play::Act),
-    row("GET", "/swarm/obs", Token, Swarm).plays(Play::SwarmLook),
-    row("POST", "/swarm/act", Token, Swarm).plays(Play::SwarmAct),
-];
+/// Makes a table of routes, and the function that adds their handlers to a router.
+macro_rules! routes_of {
+    (
+        $(#[$doc:meta])* $rows:ident, $add:ident:
+        $($method:ident $path:literal => $($handler:ident)::+, $at:ident, $who:ident
+            $(, $fact:ident $(($play:path))?)*;)*
+    ) => {
+        $(#[$doc])*
+        pub(super) const $rows: &[RouteRow] =
+            &[$(row(stringify!($method), $path, $at, $who)$(.$fact($($play)?))*),*];
 
-/// All other routes for programs.
-pub(super) const ROWS: &[RouteRow] = &[
-    // The seat's tools for language models: a look among them may wait.
-    row("POST", "/mcp", Token, Seat).repeatable().urgent().waits(),
-    row("GET", "/api/v1/audit", Anywhere, Key),
-    row("POST", "/api/v1/clock/confirm", Anywhere, Key).urgent(),
-    row("GET", "/api/v1/competitions", Anywhere, Anyone),
-    row("POST", "/api/v1/competitions", NewCompetition, Key),
-    row("GET", "/api/v1/competitions/{id}", Anywhere, Anyone),
-    row("PATCH", "/api/v1/competitions/{id}", Competition, Key).urgent(),
-    row("GET", "/api/v1/competitions/{id}/actions", Anywhere, Anyone),
-    row("GET", "/api/v1/competitions/{id}/announcements", Anywhere, Anyone),
-    row("POST", "/api/v1/competitions/{id}/announcements", Competition, Key).urgent(),
-    row("GET", "/api/v1/competitions/{id}/attempts", Anywhere, Key),
-    row("POST", "/api/v1/competitions/{id}/attempts", Competition, Key).urgent(),
-    row("POST", "/api/v1/competitions/{id}/attempts/{run}/void", Competition, Key).urgent(),
-    row("GET", "/api/v1/competitions/{id}/board", Anywhere, Anyone),
-    row("POST", "/api/v1/competitions/{id}/cancel", Competition, Key).urgent(),
-    row("GET", "/api/v1/competitions/{id}/codes", Anywhere, Key),
-    row("POST", "/api/v1/competitions/{id}/codes", Competition, Key),
-    row("POST", "/api/v1/competitions/{id}/codes/revoke", Competition, Key).urgent(),
-    row("GET", "/api/v1/competitions/{id}/contacts", Anywhere, Key),
-    row("GET", "/api/v1/competitions/{id}/entrants", Anywhere, Anyone),
-    row("POST", "/api/v1/competitions/{id}/entrants", Competition, AnyoneOrKey),
-    row("GET", "/api/v1/competitions/{id}/entrants/{entrant}", Anywhere, Key),
-    row("PATCH", "/api/v1/competitions/{id}/entrants/{entrant}", Competition, Key).urgent(),
-    row("DELETE", "/api/v1/competitions/{id}/entrants/{entrant}", Competition, Key),
-    row("POST", "/api/v1/competitions/{id}/entrants/{entrant}/key", Competition, Key).urgent(),
-    row("GET", "/api/v1/competitions/{id}/entrants/{entrant}/members", Anywhere, Key),
-    row("POST", "/api/v1/competitions/{id}/entrants/{entrant}/members", Competition, Key),
-    row(
-        "DELETE",
-        "/api/v1/competitions/{id}/entrants/{entrant}/members/{member}",
-        Competition,
-        Key,
-    ),
-    row("POST", "/api/v1/competitions/{id}/exclusions", Competition, Key).urgent(),
-    row("POST", "/api/v1/competitions/{id}/practice", Competition, Key),
-    row("GET", "/api/v1/cross-play", Anywhere, Anyone),
-    row("GET", "/api/v1/episodes", Anywhere, Anyone),
-    row("POST", "/api/v1/episodes", New, AnyoneOrKey),
-    row("GET", "/api/v1/episodes/{id}", Episode, Anyone),
-    row("DELETE", "/api/v1/episodes/{id}", Episode, NoSeat).urgent(),
-    row("GET", "/api/v1/episodes/{id}/claims", Episode, Anyone),
-    row("POST", "/api/v1/episodes/{id}/claims", Episode, AnyoneOrKey).urgent(),
-    row("GET", "/api/v1/episodes/{id}/events", Episode, Anyone).waits(),
-    row("POST", "/api/v1/episodes/{id}/fork", Fork, AnyoneOrKey),
-    row("GET", "/api/v1/episodes/{id}/journal", Episode, Anyone),
-    row("GET", "/api/v1/episodes/{id}/line", Episode, Anyone),
-    row("GET", "/api/v1/episodes/{id}/metrics", Episode, Anyone),
-    row("GET", "/api/v1/episodes/{id}/replay", Episode, Anyone),
-    row("GET", "/api/v1/episodes/{id}/rounds/{round}/agents/{agent}", Episode, Anyone),
-    row("GET", "/api/v1/episodes/{id}/scores", Episode, Anyone),
-    row("POST", "/api/v1/episodes/{id}/start", Episode, NoSeat).urgent(),
-    row("GET", "/api/v1/episodes/{id}/state", Episode, Anyone),
-    row("GET", "/api/v1/episodes/{id}/verification", Episode, Anyone),
-    row("POST", "/api/v1/episodes/{id}/void", Episode, Key).urgent(),
-    row("GET", "/api/v1/episodes/{id}/worth", Episode, Anyone),
-    row("GET", "/api/v1/exports/competitions/{id}", Anywhere, AnyoneOrKey),
-    row("GET", "/api/v1/exports/{file}", Anywhere, Anyone),
-    row("GET", "/api/v1/imports", Anywhere, Anyone),
-    row("GET", "/api/v1/imports/{id}", Anywhere, Anyone),
-    row("GET", "/api/v1/imports/{id}/metrics", Anywhere, Anyone),
-    row("GET", "/api/v1/imports/{id}/replay", Anywhere, Anyone),
-    row("GET", "/api/v1/imports/{id}/rounds/{round}/agents/{agent}", Anywhere, Anyone),
-    row("GET", "/api/v1/imports/{id}/scores", Anywhere, Anyone),
-    row("GET", "/api/v1/imports/{id}/state", Anywhere, Anyone),
-    row("GET", "/api/v1/imports/{id}/worth", Anywhere, Anyone),
-    row("GET", "/api/v1/keys", Anywhere, Key),
-    row("POST", "/api/v1/keys", Anywhere, Key),
-    row("DELETE", "/api/v1/keys/{id}", Anywhere, Key).urgent(),
-    row("GET", "/api/v1/keys/self", Anywhere, Key),
-    row("GET", "/api/v1/leaderboard", Anywhere, Anyone),
-    row("GET", "/api/v1/models", Anywhere, Anyone),
-    row("GET", "/api/v1/nodes", Anywhere, Key),
-    row("GET", "/api/v1/runs", Anywhere, Anyone),
-    row("POST", "/api/v1/runs", New, AnyoneOrKey),
-    row("GET", "/api/v1/runs/{id}", Run, NoSeat),
-    row("DELETE", "/api/v1/runs/{id}", Run, NoSeat).urgent(),
-    row("GET", "/api/v1/runs/{id}/events", Run, NoSeat).waits(),
-    row("GET", "/api/v1/runs/{id}/metrics", Run, NoSeat),
-    row("GET", "/api/v1/runs/{id}/scores", Run, NoSeat),
-    row("POST", "/api/v1/runs/{id}/token", Run, NoSeat).urgent(),
-    row("GET", "/api/v1/suites", Anywhere, Open),
-    row("GET", "/healthz", Host, Open).tells_health(),
-    row("GET", "/metrics", Host, Open).tells_health(),
-    row("GET", "/readyz", Host, Open).tells_health(),
-];
+        fn $add(router: OpenApiRouter<App>) -> OpenApiRouter<App> {
+            router$(.routes(routes!($($handler)::+)))*
+        }
+    };
+}
 
-/// Rows of [`ROWS`] by path.
+routes_of! {
+    /// The routes by which games are played come first: they are found first.
+    PLAYS, add_plays:
+    GET "/obs" => agent::obs::get_obs, Token, Seat, plays(Play::Look);
+    POST "/act" => agent::act::post_act, Token, Seat, plays(Play::Act);
+    GET "/swarm/obs" => swarm::obs::get_swarm_obs, Token, Swarm, plays(Play::SwarmLook);
+    POST "/swarm/act" => swarm::act::post_swarm_act, Token, Swarm, plays(Play::SwarmAct);
+}
+
+routes_of! {
+    /// All other routes that the OpenAPI document describes.
+    ROWS, add_others:
+    GET "/swarm/acts" => swarm::acts::get_swarm_acts, Token, Swarm;
+    GET "/api/v1/audit" => audit::list_audit, Anywhere, Key;
+    POST "/api/v1/clock/confirm" => clock::confirm_clock, Anywhere, Key, urgent;
+    GET "/api/v1/competitions" => competitions::list::list_competitions, Anywhere, Anyone;
+    POST "/api/v1/competitions" => competitions::create::create_competition, NewCompetition, Key;
+    GET "/api/v1/competitions/{id}" => competitions::show::show_competition, Anywhere, Anyone;
+    PATCH "/api/v1/competitions/{id}"
+        => competitions::change::change_competition, Competition, Key, urgent;
+    GET "/api/v1/competitions/{id}/actions"
+        => competitions::actions::list_actions, Anywhere, Anyone;
+    GET "/api/v1/competitions/{id}/announcements"
+        => competitions::announcements::list_announcements, Anywhere, Anyone;
+    POST "/api/v1/competitions/{id}/announcements"
+        => competitions::announcements::announce, Competition, Key, urgent;
+    GET "/api/v1/competitions/{id}/attempts"
+        => competitions::attempts::list_attempts, Anywhere, Key;
+    POST "/api/v1/competitions/{id}/attempts"
+        => competitions::start::start_attempt, Competition, Key, urgent;
+    POST "/api/v1/competitions/{id}/attempts/{run}/void"
+        => competitions::void::void_attempt, Competition, Key, urgent;
+    GET "/api/v1/competitions/{id}/board" => competitions::board::show_board, Anywhere, Anyone;
+    POST "/api/v1/competitions/{id}/cancel"
+        => competitions::cancel::cancel_competition, Competition, Key, urgent;
+    GET "/api/v1/competitions/{id}/codes" => competitions::codes::list_codes, Anywhere, Key;
+    POST "/api/v1/competitions/{id}/codes" => competitions::codes::create_codes, Competition, Key;
+    POST "/api/v1/competitions/{id}/codes/revoke"
+        => competitions::codes::revoke_codes, Competition, Key, urgent;
+    GET "/api/v1/competitions/{id}/contacts"
+        => competitions::contacts::list_contacts, Anywhere, Key;
+    GET "/api/v1/competitions/{id}/entrants"
+        => competitions::entrants::list_entrants, Anywhere, Anyone;
+    POST "/api/v1/competitions/{id}/entrants"
+        => competitions::register::register_entrant, Competition, AnyoneOrKey;
+    GET "/api/v1/competitions/{id}/entrants/{entrant}"
+        => competitions::entrants::show_entrant, Anywhere, Key;
+    PATCH "/api/v1/competitions/{id}/entrants/{entrant}"
+        => competitions::change_entrant::change_entrant, Competition, Key, urgent;
+    DELETE "/api/v1/competitions/{id}/entrants/{entrant}"
+        => competitions::change_entrant::erase_entrant, Competition, Key;
+    POST "/api/v1/competitions/{id}/entrants/{entrant}/key"
+        => competitions::replace_key::replace_entrant_key, Competition, Key, urgent;
+    GET "/api/v1/competitions/{id}/entrants/{entrant}/members"
+        => competitions::members::list_members, Anywhere, Key;
+    POST "/api/v1/competitions/{id}/entrants/{entrant}/members"
+        => competitions::members::add_member, Competition, Key;
+    DELETE "/api/v1/competitions/{id}/entrants/{entrant}/members/{member}"
+        => competitions::members::remove_member, Competition, Key;
+    POST "/api/v1/competitions/{id}/exclusions"
+        => competitions::exclude::exclude_entrants, Competition, Key, urgent;
+    POST "/api/v1/competitions/{id}/practice"
+        => competitions::practice::start_practice, Competition, Key;
+    GET "/api/v1/cross-play" => boards::cross_play::show_cross_play, Anywhere, Anyone;
+    GET "/api/v1/episodes" => episodes::list::list_episodes, Anywhere, Anyone;
+    POST "/api/v1/episodes" => episodes::create::create_episode, New, AnyoneOrKey;
+    GET "/api/v1/episodes/{id}" => episodes::show::show_episode, Episode, Anyone;
+    DELETE "/api/v1/episodes/{id}" => episodes::abort::abort_episode, Episode, NoSeat, urgent;
+    GET "/api/v1/episodes/{id}/claims" => claims::list::list_claims, Episode, Anyone;
+    POST "/api/v1/episodes/{id}/claims"
+        => claims::create::create_claim, Episode, AnyoneOrKey, urgent;
+    GET "/api/v1/episodes/{id}/events" => episodes::events::stream_events, Episode, Anyone, waits;
+    POST "/api/v1/episodes/{id}/fork" => episodes::fork::fork_episode, Fork, AnyoneOrKey;
+    GET "/api/v1/episodes/{id}/journal" => episodes::journal::read_journal, Episode, Anyone;
+    GET "/api/v1/episodes/{id}/line" => episodes::worth::show_reference_line, Episode, Anyone;
+    GET "/api/v1/episodes/{id}/metrics" => episodes::metrics::show_episode_metrics, Episode, Anyone;
+    POST "/api/v1/episodes/{id}/repeat"
+        => episodes::repeat::repeat_episode, Episode, NoSeat, urgent;
+    GET "/api/v1/episodes/{id}/replay" => episodes::replay::show_replay, Episode, Anyone;
+    GET "/api/v1/episodes/{id}/rounds/{round}/agents/{agent}"
+        => episodes::agent::show_agent_round, Episode, Anyone;
+    GET "/api/v1/episodes/{id}/scores" => episodes::scores::show_scores, Episode, Anyone;
+    POST "/api/v1/episodes/{id}/start" => episodes::start::start_episode, Episode, NoSeat, urgent;
+    GET "/api/v1/episodes/{id}/state" => episodes::state::show_state, Episode, Anyone;
+    GET "/api/v1/episodes/{id}/verification"
+        => episodes::verification::show_verification, Episode, Anyone;
+    POST "/api/v1/episodes/{id}/void" => episodes::void::void_episode, Episode, Key, urgent;
+    GET "/api/v1/episodes/{id}/worth" => episodes::worth::show_episode_worth, Episode, Anyone;
+    GET "/api/v1/exports/competitions/{id}"
+        => competitions::export::export_competition, Anywhere, AnyoneOrKey;
+    GET "/api/v1/exports/{file}" => exports::download::download_export, Anywhere, Anyone;
+    GET "/api/v1/imports" => imports::list::list_imports, Anywhere, Anyone;
+    GET "/api/v1/imports/{id}" => imports::show::show_import, Anywhere, Anyone;
+    GET "/api/v1/imports/{id}/metrics" => imports::metrics::show_import_metrics, Anywhere, Anyone;
+    GET "/api/v1/imports/{id}/replay" => imports::replay::show_import_replay, Anywhere, Anyone;
+    GET "/api/v1/imports/{id}/rounds/{round}/agents/{agent}"
+        => imports::agent::show_import_agent_round, Anywhere, Anyone;
+    GET "/api/v1/imports/{id}/scores" => imports::scores::show_import_scores, Anywhere, Anyone;
+    GET "/api/v1/imports/{id}/state" => imports::state::show_imported_state, Anywhere, Anyone;
+    GET "/api/v1/imports/{id}/worth" => imports::worth::show_import_worth, Anywhere, Anyone;
+    GET "/api/v1/keys" => keys::list::list_keys, Anywhere, Key;
+    POST "/api/v1/keys" => keys::create::create_key, Anywhere, Key;
+    DELETE "/api/v1/keys/{id}" => keys::revoke::revoke_key, Anywhere, Key, urgent;
+    GET "/api/v1/keys/self" => keys::own::show_own_key, Anywhere, Key;
+    GET "/api/v1/leaderboard" => boards::leaderboard::show_leaderboard, Anywhere, Anyone;
+    GET "/api/v1/models" => episodes::models::list_models, Anywhere, Anyone;
+    GET "/api/v1/nodes" => servers::list_servers, Anywhere, Key;
+    GET "/api/v1/runs" => runs::list::list_runs, Anywhere, Anyone;
+    POST "/api/v1/runs" => runs::create::create_run, New, AnyoneOrKey;
+    GET "/api/v1/runs/{id}" => runs::show::show_run, Run, NoSeat;
+    DELETE "/api/v1/runs/{id}" => runs::abort::abort_run, Run, NoSeat, urgent;
+    GET "/api/v1/runs/{id}/events" => runs::events::stream_run_events, Run, NoSeat, waits;
+    GET "/api/v1/runs/{id}/metrics" => runs::metrics::show_run_metrics, Run, NoSeat;
+    GET "/api/v1/runs/{id}/scores" => runs::scores::show_run_scores, Run, NoSeat;
+    POST "/api/v1/runs/{id}/token" => runs::token::replace_run_token, Run, NoSeat, urgent;
+    GET "/api/v1/suites" => runs::suites::list_suites, Anywhere, Open;
+    GET "/healthz" => host::show_health, Host, Open, tells_health;
+    GET "/metrics" => host::show_metrics, Host, Open, tells_health;
+    GET "/readyz" => host::show_readiness, Host, Open, tells_health;
+}
+
+/// The seat's tools for language models: a look among them may wait.
+const MCP: RouteRow = row("POST", "/mcp", Token, Seat).repeatable().urgent().waits();
+
+/// Adds all routes that the OpenAPI document describes.
+pub(super) fn described(router: OpenApiRouter<App>) -> OpenApiRouter<App> {
+    add_others(add_plays(router))
+}
+
+/// Rows of [`ROWS`] and [`MCP`] by path.
 static BY_PATH: LazyLock<matchit::Router<HashMap<&'static str, Facts>>> = LazyLock::new(|| {
     let mut paths: HashMap<&str, HashMap<&str, Facts>> = HashMap::new();
-    for row in ROWS {
+    for row in ROWS.iter().chain([&MCP]) {
         paths.entry(row.path).or_default().insert(row.method, row.facts);
     }
     let mut router = matchit::Router::new();
@@ -293,7 +348,7 @@ mod tests {
             let methods = item.as_object().expect("a path").iter().filter(|(_, of)| of.is_object());
             documented.extend(methods.map(|(method, _)| (path.clone(), method.to_uppercase())));
         }
-        let rows = PLAYS.iter().chain(ROWS).filter(|row| row.path != "/mcp");
+        let rows = PLAYS.iter().chain(ROWS);
         let mut rows: Vec<(String, String)> =
             rows.map(|row| (row.path.to_owned(), row.method.to_owned())).collect();
         documented.sort();

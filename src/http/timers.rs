@@ -369,31 +369,6 @@ mod tests {
     }
 
     #[test]
-    fn a_head_has_its_time_from_its_first_byte_however_many_come() {
-        let mut case = Case::new();
-        case.expect(Some((10, Timeout::Head)));
-        case.read(9);
-        case.expect(Some((10, Timeout::Head)));
-        case.head_received(0);
-        case.answered(20);
-        case.expect(Some((95, Timeout::Idle)));
-        for second in [80, 81, 89] {
-            case.read(second);
-            case.expect(Some((90, Timeout::Head)));
-        }
-    }
-
-    #[test]
-    fn a_request_waits_as_long_as_its_handler_lets_it() {
-        let mut case = Case::new();
-        case.head_received(0);
-        case.expect(None);
-        case.read(60);
-        case.wrote(61);
-        case.expect(None);
-    }
-
-    #[test]
     fn a_client_has_to_take_something_now_and_then() {
         let mut case = Case::new();
         case.head_received(0);

@@ -29,6 +29,12 @@ pub fn spec(
     let spec = Spec::of(&recorded, &definition.agent_meta(), template)?;
     let player = definition.player.as_deref();
     let player = player.map(|name| hosted::player(name, spec.config.task())).transpose()?;
+    let mut holders = spec.holders.clone();
+    for holder in &mut holders {
+        let task = spec.config.task();
+        holder.player =
+            holder.player.as_ref().map(|name| hosted::player(name, task)).transpose()?;
+    }
     let own_games = definition.own_games;
-    Ok(Spec { run: Some(run.to_owned()), salt, player, own_games, ..spec })
+    Ok(Spec { run: Some(run.to_owned()), salt, player, holders, own_games, ..spec })
 }

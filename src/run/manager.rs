@@ -22,7 +22,8 @@ use crate::episode::{Ending, Status};
 use crate::fair::Party;
 use crate::host::Disk;
 use crate::ids::{
-    EntryKey, EpisodeId, Numbers, Place, RoutingName, RunKey, Token, TokenHash, TokenKind,
+    EntryKey, EpisodeId, EpisodeKey, Numbers, Place, RoutingName, RunKey, Token, TokenHash,
+    TokenKind,
 };
 use crate::store::entries::{Entry, RunRow};
 use crate::store::games::StoredGame;
@@ -32,12 +33,16 @@ use crate::store::{Store, StoreError};
 use crate::telemetry::detached;
 use swarmbench_boards::competition::definition::practice_suite;
 use swarmbench_clock::{Clock, Entropy};
+use swarmbench_protocol::run::RunHolder;
 use swarmbench_protocol::suite::PlannedGame;
 
 /// Number of locks. Runs with the same lock are advanced one after another.
 const LOCKS: usize = 256;
 
 const ADVANCED_AT_ONCE: usize = 64;
+
+/// Maximum times that a game of a run is played again: a run reads all of its games at each step.
+pub const GAME_REPEATS_MAX: usize = 20;
 
 /// Random bytes in the opening of a sealed episode.
 const SALT_BYTES: usize = 16;
@@ -146,6 +151,23 @@ pub struct Held<'l> {
     _lock: Arc<tokio::sync::MutexGuard<'l, ()>>,
 }
 
+/// Tokens of a run, each with the number of its holder in the run's team; `None` where one player has all seats.
+pub type RunTokens = Vec<(Option<u32>, Token)>;
+
+/// Holders of a run that get tokens: those that the server does not play.
+pub fn token_holders(definition: &Definition) -> Vec<Option<u32>> {
+    if !definition.is_team() {
+        return definition.player.as_ref().map_or_else(|| vec![None], |_| Vec::new());
+    }
+    let numbered = (1..).zip(&definition.holders);
+    numbered.filter(|(_, holder)| holder.player.is_none()).map(|(number, _)| Some(number)).collect()
+}
+
+fn replacements(run: RunKey, tokens: &RunTokens) -> impl Iterator<Item = Entry> {
+    let hashes: Vec<_> = tokens.iter().map(|(holder, token)| (*holder, token.hash())).collect();
+    hashes.into_iter().map(move |(holder, hash)| Entry::ReplaceRunToken { run, holder, hash })
+}
+
 fn lock_of(run: RunKey) -> usize {
     // Low bits of numbers from several servers are mostly alike.
     usize::try_from(run.0 ^ (run.0 >> 22)).unwrap_or(0) % LOCKS
@@ -206,9 +228,9 @@ impl Runs {
         self.0.entering.write().await
     }
 
-    /// Creates a run, durably, and opens its first games. The token is to be shown once; a run that the server itself plays has
+    /// Creates a run, durably, and opens its first games. The tokens are to be shown once; a run that the server itself plays has
     /// none.
-    pub async fn create(&self, new: NewRun) -> Result<(StoredRun, Option<Token>), CreateError> {
+    pub async fn create(&self, new: NewRun) -> Result<(StoredRun, RunTokens), CreateError> {
         let Parts { store, registry, clock, entropy, disk, .. } = &self.0.parts;
         let NewRun { party, purpose, definition, attempt, replays, idempotency, credential } = new;
         let owner = party.owner();
@@ -225,10 +247,7 @@ impl Runs {
         let unknown = || CreateError::Definition(format!("visibility {:?}", definition.visibility));
         let visibility = Visibility::parse(&definition.visibility).ok_or_else(unknown)?;
         let run = RunKey(self.0.parts.numbers.take(1, now));
-        let token = match definition.player {
-            None => Some(self.new_token(run).await),
-            Some(_) => None,
-        };
+        let tokens = self.new_tokens(run, token_holders(&definition)).await;
         let text = serde_json::to_string(&definition).expect("a definition has string keys");
         let row = RunRow {
             run,
@@ -244,10 +263,10 @@ impl Runs {
             closes_at: attempt.and(definition.closes_at),
             at: now,
             idempotency,
-            token: token.as_ref().map(Token::hash),
         };
         let check = credential.map(Entry::CheckToken);
-        let entries = check.into_iter().chain([Entry::OpenRun(Box::new(row))]).collect();
+        let opened = check.into_iter().chain([Entry::OpenRun(Box::new(row))]);
+        let entries = opened.chain(replacements(run, &tokens)).collect();
         store.keep(entries).await.map_err(RunError::from)?;
         if owner.is_none() {
             self.keyless().insert(run, party);
@@ -256,7 +275,7 @@ impl Runs {
         metrics::counter!("swarmbench_runs_created_total").increment(1);
         // The sweep of every minute repeats a failed step.
         self.try_advance(run).await;
-        Ok((self.stored(run).await?, token))
+        Ok((self.stored(run).await?, tokens))
     }
 
     /// Takes the next step of a run: opens the next games of the plan, or ends the run when all have ended. May be called at any
@@ -386,25 +405,65 @@ impl Runs {
         .await
     }
 
-    async fn new_token(&self, run: RunKey) -> Token {
+    /// Voids an ended game of a run, and opens the same game again. A finished run continues. A voided game stays as it is.
+    pub async fn repeat(
+        &self,
+        run: RunKey,
+        episode: EpisodeKey,
+        reason: &str,
+        audit: Option<Entry>,
+    ) -> Result<(), RunError> {
+        let Parts { store, clock, .. } = &self.0.parts;
+        {
+            let _guard = self.lock(run).await;
+            let games = store.games_of(run).await?;
+            let game = games.iter().find(|game| game.episode == episode);
+            let game = game.ok_or(RunError::GameOpen)?;
+            if !game.counts() {
+                return Ok(());
+            }
+            let status = self.stored(run).await?.status;
+            if ![RunStatus::Running, RunStatus::Finished].map(RunStatus::name).contains(&&*status) {
+                return Err(RunError::Over(status));
+            }
+            if !game.is_over() {
+                return Err(RunError::GameOpen);
+            }
+            if games.iter().filter(|other| other.slot == game.slot).count() > GAME_REPEATS_MAX {
+                return Err(RunError::RepeatedOften);
+            }
+            let reason = format!("played again: {reason}");
+            // The run continues in the commit in which the game stops to count, so that nobody finds it finished without.
+            let entries = [
+                Entry::VoidEpisode { episode, reason, at: clock.wall() },
+                Entry::ReopenRun { run },
+            ];
+            store.keep(entries.into_iter().chain(audit).collect()).await?;
+        }
+        self.advance(run).await
+    }
+
+    async fn new_tokens(&self, run: RunKey, holders: Vec<Option<u32>>) -> RunTokens {
         let Parts { entropy, peers, .. } = &self.0.parts;
         let name = match peers {
             Some(peers) => peers.routing_name(run).await,
             None => None,
         };
-        Token::named(TokenKind::Swarm, name, &**entropy)
+        let token = || Token::named(TokenKind::Swarm, name, &**entropy);
+        holders.into_iter().map(|holder| (holder, token())).collect()
     }
 
-    /// Replaces the token of a run, after other entries of the same transaction.
-    pub async fn replace_token(
+    /// Replaces tokens of a run, after other entries of the same transaction.
+    pub async fn replace_tokens(
         &self,
         run: RunKey,
+        holders: Vec<Option<u32>>,
         mut entries: Vec<Entry>,
-    ) -> Result<Token, RunError> {
-        let token = self.new_token(run).await;
-        entries.push(Entry::ReplaceRunToken { run, hash: token.hash() });
+    ) -> Result<RunTokens, RunError> {
+        let tokens = self.new_tokens(run, holders).await;
+        entries.extend(replacements(run, &tokens));
         self.0.parts.store.keep(entries).await?;
-        Ok(token)
+        Ok(tokens)
     }
 
     pub async fn follow(&self, run: RunKey) -> Result<watch::Receiver<OpenGames>, RunError> {
@@ -523,6 +582,11 @@ impl Runs {
                 purpose: std::mem::replace(&mut purpose, Purpose::Usual),
                 run: Some((stored.run, game.slot)),
                 spec,
+                holder_metas: definition
+                    .holders
+                    .iter()
+                    .map(RunHolder::agent_meta_of_seats)
+                    .collect(),
                 tokens: Vec::new(),
                 idempotency: None,
             };
@@ -667,6 +731,7 @@ mod tests {
             prompt_template: None,
             prompt_revision: swarmbench_prompt::REVISION,
             player: None,
+            holders: Vec::new(),
             parallel,
             visibility: "public".to_owned(),
             idle_timeout_ms: 1000,

@@ -18,7 +18,7 @@ use super::competitions::{
     PEOPLE_PLAY, RawCompetition, damaged_looks, untaken_names, without_texts,
 };
 use super::entries::brief_of;
-use super::metrics::stored_method;
+use super::metrics::{is_worth, stored_method};
 use super::rebuild::{self, RebuildError};
 use super::sql::{Begin, Connection, Engine, FromRow, SqlRow, Statement, get, query};
 use super::stored_replay::{StoredJournal, replay_stored};
@@ -27,12 +27,13 @@ use super::{Location, OpenError, postgres, sqlite};
 use crate::ids::EpisodeKey;
 use crate::migrations;
 use crate::store::imports::ImportHash;
-use crate::store::results::read_failures;
-use swarmbench_boards::run::is_human;
+use crate::store::results::{as_stored, json};
+use swarmbench_boards::run::{Definition, is_human};
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
-use swarmbench_journal::record::{ActRecord, End, Opening, RawRecord, Record, Seats};
+use swarmbench_journal::record::{ActRecord, End, Opening, RawRecord, Record, Seats, TeamHolder};
 use swarmbench_journal::replay::JournalReport;
+use swarmbench_players::DEFAULT_PLAYER;
 
 /// Damages listed in full; further ones are only counted.
 pub const DAMAGES_MAX: usize = 1000;
@@ -364,10 +365,16 @@ const STATEMENTS: [(&str, &str); 13] = [
 ];
 
 /// [`STATEMENTS`] for rows named by a hash.
-const OF_HASHES: [(&str, &str); 2] = [
+const OF_HASHES: [(&str, &str); 3] = [
     (
         "this token does not belong to exactly one episode or run, or its hash does not have 32 bytes",
         "SELECT hash FROM tokens WHERE length(hash) <> 32 OR (episode IS NULL) = (run IS NULL)",
+    ),
+    (
+        "this token is of a seat or a holder that its episode or run does not have",
+        "SELECT hash FROM tokens t WHERE (run IS NOT NULL AND agent IS NOT NULL)
+             OR (episode IS NOT NULL AND holder IS NOT NULL AND NOT EXISTS (
+                 SELECT 1 FROM claims c WHERE c.episode = t.episode AND c.holder = t.holder))",
     ),
     (
         "the hash of this invitation does not have 32 bytes",
@@ -471,30 +478,40 @@ async fn statements(database: &mut Connection, checked: &mut Checked) {
 
 /// Checks definitions of runs, competitions and entrants, and the hashes derived from them.
 async fn definitions(database: &mut Connection, formats: &Formats, checked: &mut Checked) {
-    let runs = "SELECT key, id, definition, digest, model, suite, visibility FROM runs";
+    // Holders of a team are numbered from 1; other tokens of runs name none.
+    let runs = "SELECT key, id, definition, digest, model, suite, visibility,
+                       (SELECT count(*) FROM tokens t WHERE t.run = r.key AND t.holder IS NULL) AS of_creator,
+                       (SELECT min(t.holder) FROM tokens t WHERE t.run = r.key) AS first_holder,
+                       (SELECT max(t.holder) FROM tokens t WHERE t.run = r.key) AS last_holder
+                FROM runs r";
     each(database, checked, runs, |row| {
         #[derive(Deserialize)]
-        struct CheckedRun {
+        struct OwnText {
             suite: Box<RawValue>,
-            model: String,
-            visibility: String,
         }
-        #[derive(Deserialize)]
-        struct Suite {
-            name: String,
-        }
-        let run: CheckedRun = parsed(row.text("definition")?)?;
-        let suite: Suite = parsed(run.suite.get())?;
-        let digest = data_encoding::HEXLOWER.encode(&Sha256::digest(run.suite.get())[..6]);
+        let text = row.text("definition")?;
+        let OwnText { suite } = parsed(text)?;
+        let run: Definition = parsed(text)?;
+        let digest = data_encoding::HEXLOWER.encode(&Sha256::digest(suite.get())[..6]);
         let is_same = digest == row.text("digest")?
             && run.model == row.text("model")?
             && run.visibility == row.text("visibility")?
-            && suite.name == row.text("suite")?;
-        Ok(if is_same {
-            Ok(())
+            && run.suite.name == row.text("suite")?;
+        if !is_same {
+            return Ok(
+                Err("its suite, model or visibility differs from its definition".to_owned()),
+            );
+        }
+        let holder = |column| row.try_get::<Option<i64>>(column);
+        let numbers = [holder("first_holder")?, holder("last_holder")?];
+        let is_of_run = if run.is_team() {
+            let known = 1..=i64::try_from(run.holders.len()).unwrap_or(i64::MAX);
+            row.try_get::<i64>("of_creator")? == 0
+                && numbers.into_iter().flatten().all(|number| known.contains(&number))
         } else {
-            Err("its suite, model or visibility differs from its definition".to_owned())
-        })
+            numbers == [None; 2]
+        };
+        Ok(if is_of_run { Ok(()) } else { Err("a token of it names no holder of it".to_owned()) })
     })
     .await;
     let competitions = "SELECT key, id, definition, salt, seeds, commitment, created_at, revealed_at, opens_at, closes_at,
@@ -677,6 +694,7 @@ async fn episode(
                         score, rounds, seed, curve, people,
                         coalesce(fork_round, 0) AS first_round,
                         (SELECT id FROM runs WHERE runs.key = e.run) AS run,
+                        (SELECT definition FROM runs WHERE runs.key = e.run) AS of_run,
                         (SELECT id FROM episodes parent WHERE parent.key = e.fork_of) AS fork_of
                  FROM episodes e WHERE key = $1");
     let row = query(text).bind(key.0).fetch_one(&mut *database).await?;
@@ -715,6 +733,9 @@ async fn episode(
     if let Err(problem) = seats(database, key, &report, stored.seating.as_ref()).await? {
         return Ok(Err(problem));
     }
+    if let Err(problem) = players(&row, &report.opening, stored.seating.as_ref())? {
+        return Ok(Err(problem));
+    }
     if let Err(problem) = open_acts(database, key, &report).await? {
         return Ok(Err(problem));
     }
@@ -733,6 +754,9 @@ async fn metrics(
     let text = "SELECT embedder, revision, measured FROM metrics WHERE episode = $1";
     for row in query(text).bind(key.0).fetch_all(&mut *database).await? {
         let (embedder, revision) = stored_method();
+        if is_worth(row.text("embedder")?, row.try_get::<u32>("revision").unwrap_or(0)) {
+            continue;
+        }
         let known = 1..=revision;
         let is_known = known.contains(&row.try_get::<u32>("revision").unwrap_or(0));
         if row.text("embedder")? != embedder || !is_known {
@@ -812,9 +836,8 @@ fn columns(
                 .to_owned(),
         ));
     }
-    let has_open_seats = !config.open_seats.is_empty();
-    if row.try_get::<Option<bool>>("open_seats")?.is_some_and(|open| open != has_open_seats) {
-        return Ok(Err("whether it has open seats is not as in its journal".to_owned()));
+    if row.try_get::<Option<bool>>("open_seats")?.is_some_and(|mixed| mixed != config.is_mixed()) {
+        return Ok(Err("whether it has several holders is not as in its journal".to_owned()));
     }
     if row.try_get::<i64>("created_at")? != opening.created_at.as_millisecond() {
         return Ok(Err("it was created at another time than its journal says".to_owned()));
@@ -877,6 +900,10 @@ async fn seats(
             return Ok(Err("its record of seats is a record of another kind".to_owned()));
         }
     };
+    let config = &report.opening.config;
+    if record.is_some() && config.is_mixed() && rows.len() != usize::from(config.num_agents) {
+        return Ok(Err(format!("{} of its {} seats have holders", rows.len(), config.num_agents)));
+    }
     for row in rows {
         let (agent, holder) = (row.try_get::<i64>("agent")?, row.try_get::<i64>("holder")?);
         let name = format!("Agent_{agent}");
@@ -893,6 +920,39 @@ async fn seats(
         }
     }
     Ok(Ok(()))
+}
+
+/// Compares who plays a game, and what is declared of them, with the definition of its run. A damaged definition is named with its
+/// run.
+fn players(
+    row: &SqlRow,
+    opening: &Opening,
+    record: Option<&RawRecord>,
+) -> Result<Result<(), String>, sqlx::Error> {
+    let Some(text) = row.try_get::<Option<String>>("of_run")? else { return Ok(Ok(())) };
+    let Ok(run) = serde_json::from_str::<Definition>(&text) else { return Ok(Ok(())) };
+    let is_player = |declared: &Option<String>, played: &Option<String>| {
+        // The opening names the player that each task has for this name.
+        let is_default = declared.as_deref() == Some(DEFAULT_PLAYER) && played.is_some();
+        is_default || declared == played
+    };
+    let (declared, played) = (run.recorded_holders(), &opening.config.holders);
+    let mut is_same = is_player(&run.player, &opening.config.player)
+        && run.agent_meta() == opening.agent_meta
+        && declared.len() == played.len()
+        && declared.into_iter().zip(played).all(|(declared, played)| {
+            let is_known = is_player(&declared.player, &played.player);
+            is_known && TeamHolder { player: played.player.clone(), ..declared } == *played
+        });
+    if let Some(Record::Seats(Seats { holders, .. })) =
+        record.map(RawRecord::read).transpose().map_err(decode)?
+    {
+        is_same &= holders.iter().filter(|holder| holder.holder > 0).all(|holder| {
+            let declared = run.holders.get(holder.holder as usize - 1);
+            declared.is_some_and(|declared| declared.agent_meta_of_seats() == holder.agent_meta)
+        });
+    }
+    Ok(if is_same { Ok(()) } else { Err("its players are not those of its run".to_owned()) })
 }
 
 /// Compares the acts of the unresolved round with those of the end record, if there is one.
@@ -923,7 +983,7 @@ async fn result(
     report: &JournalReport,
 ) -> Result<Result<(), String>, sqlx::Error> {
     let text = "SELECT task, seed, score, rounds, status, acts, invalid, clock_outs, prompt_tokens, completion_tokens,
-                        failures
+                        failures, usage
                  FROM results WHERE episode = $1";
     let row = query(text).bind(key.0).fetch_optional(database).await?;
     let end = report.end.as_ref().filter(|_| report.opening.counts());
@@ -933,26 +993,12 @@ async fn result(
         (None, Some(_)) => return Ok(Err(format!("{NO_RESULT} it has none"))),
         (Some(_), None) => return Ok(Err(format!("{NO_RESULT} it has one, and is to have none"))),
     };
-    let count = |column| row.try_get::<i64>(column).map(i64::unsigned_abs);
-    let tally = Tally {
-        acts: count("acts")?,
-        invalid: count("invalid")?,
-        failures: read_failures(row.text("failures")?)?,
-        timeouts: count("clock_outs")?,
-        prompt_tokens: count("prompt_tokens")?,
-        completion_tokens: count("completion_tokens")?,
-    };
-    let most = |number: u64| number.min(i64::MAX.unsigned_abs());
-    let played = Tally {
-        prompt_tokens: most(report.tally.prompt_tokens),
-        completion_tokens: most(report.tally.completion_tokens),
-        ..report.tally
-    };
-    let is_same = tally == played
+    let is_same = Tally::from_row(&row)? == as_stored(report.tally)
         && row.text("task")? == report.opening.config.task
         && row.try_get::<i64>("seed")? == i64::from(report.opening.config.seed)
         && row.try_get::<f64>("score")?.to_bits() == report.score.to_bits()
         && row.try_get::<u32>("rounds")? == report.rounds
+        && row.text("usage")? == json(&report.tally.usage)
         && row.text("status")? == end.status;
     Ok(if is_same { Ok(()) } else { Err(format!("{NO_RESULT} its own is another")) })
 }

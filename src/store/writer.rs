@@ -32,7 +32,7 @@ use super::sqlite::files::Files;
 use super::templates::Cut;
 use super::{Stopped, StoreError, competitions, postgres, sqlite};
 use crate::fair::{FairQueue, Party, Rank, Shares};
-use crate::ids::EpisodeKey;
+use crate::ids::{EpisodeKey, TokenHash};
 use crate::keys::KeyRow;
 use crate::store::entries::{EndRow, Entry, OpeningRow, TokenRow};
 use crate::store::port::Committed;
@@ -532,8 +532,9 @@ pub(super) async fn write(
             Entry::EndRun { run, status, at } => {
                 super::runs::end(connection, *run, status, *at).await?;
             }
-            Entry::ReplaceRunToken { run, hash } => {
-                super::runs::replace_token(connection, *run, *hash).await?;
+            Entry::ReopenRun { run } => super::runs::reopen(connection, *run).await?,
+            Entry::ReplaceRunToken { run, holder, hash } => {
+                super::runs::replace_token(connection, *run, *holder, *hash).await?;
             }
             Entry::VoidEpisode { episode, reason, at } => {
                 void(connection, *episode, reason, *at).await?;
@@ -555,11 +556,7 @@ pub(super) async fn write(
                 competitions::erase(connection, *entry, name, *at).await?;
             }
             Entry::ReplaceKey { id, hash } => {
-                query("UPDATE keys SET hash = $1 WHERE id = $2")
-                    .bind(&hash.0[..])
-                    .bind(id)
-                    .execute(&mut *connection)
-                    .await?;
+                replace_key(connection, id, *hash).await?;
                 delete_tokens_of_entrant(connection, id).await?;
             }
             Entry::ChangeCompetition { competition, definition, closes_at, hidden } => {
@@ -632,7 +629,7 @@ async fn open(connection: &mut Connection, row: &OpeningRow) -> Result<(), sqlx:
     .bind(row.fork.map(|(_, round)| round))
     .bind(template.map(|(key, _)| key))
     .bind(template.map(|(_, at)| at))
-    .bind(row.has_open_seats)
+    .bind(row.is_mixed)
     .bind(row.own_games.then_some(true))
     .bind(row.has_people)
     .execute(&mut *connection)
@@ -721,6 +718,19 @@ async fn add_key(connection: &mut Connection, row: &KeyRow) -> Result<(), sqlx::
 }
 
 /// Revokes a key; a revoked key keeps its time.
+async fn replace_key(
+    connection: &mut Connection,
+    id: &str,
+    hash: TokenHash,
+) -> Result<(), sqlx::Error> {
+    query("UPDATE keys SET hash = $1 WHERE id = $2")
+        .bind(&hash.0[..])
+        .bind(id)
+        .execute(connection)
+        .await?;
+    Ok(())
+}
+
 async fn revoke_key(
     connection: &mut Connection,
     id: &str,

@@ -55,7 +55,7 @@ pub fn decisions<'a>(
 }
 
 fn decision(config: &Config, act: &ActRecord) -> Decision {
-    let usage = act.usage.unwrap_or_default();
+    let usage = act.usage.as_deref().copied().unwrap_or_default();
     let tokens = [usage.prompt_tokens, usage.completion_tokens];
     Decision {
         action: act.action.as_deref().and_then(|name| Action::parse(config.task(), name)),

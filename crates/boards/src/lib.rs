@@ -26,9 +26,12 @@ pub mod scale;
 use jiff::Timestamp;
 use sha2::{Digest, Sha256};
 use swarmbench_engine::{Seed, TaskName};
+use swarmbench_journal::Tally;
 use swarmbench_prompt::Identity;
-use swarmbench_protocol::failure::Failures;
+use swarmbench_protocol::run::RunHolder;
 use swarmbench_protocol::suite::{PlannedGame, Suite};
+
+use run::TEAM;
 
 /// Party that answers for a run: the holder of a key, or an entrant of a competition.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -52,6 +55,10 @@ pub struct Player {
     pub top_p: Option<f64>,
     /// Identity of the prompt.
     pub prompt: Identity,
+    /// Holders of a team, without their `agent_meta`; empty if one player has all seats.
+    pub holders: Vec<RunHolder>,
+    /// Further sampling, if declared.
+    pub sampling: Option<String>,
 }
 
 /// Id of a row. A player has the same id on every board.
@@ -94,7 +101,7 @@ impl Player {
         let number = |number: Option<f64>| {
             number.map_or(Vec::new(), |number| (number + 0.0).to_be_bytes().to_vec())
         };
-        let Identity { template, revision, system } = &self.prompt;
+        let Identity { template, revision, system, harness } = &self.prompt;
         let text =
             |text: &Option<String>| text.as_ref().map_or(Vec::new(), |t| t.as_bytes().to_vec());
         let mut parts = vec![
@@ -108,6 +115,16 @@ impl Player {
         if revision.is_some() || system.is_some() {
             parts.push(revision.map_or(Vec::new(), |revision| revision.to_be_bytes().to_vec()));
             parts.push(text(system));
+        }
+        if let Some(harness) = harness {
+            parts.extend([b"harness".to_vec(), harness.as_bytes().to_vec()]);
+        }
+        if !self.holders.is_empty() {
+            let holders = serde_json::to_vec(&self.holders).expect("string keys");
+            parts.extend([TEAM.as_bytes().to_vec(), holders]);
+        }
+        if let Some(sampling) = &self.sampling {
+            parts.extend([b"sampling".to_vec(), sampling.as_bytes().to_vec()]);
         }
         RowId::of(&parts)
     }
@@ -139,7 +156,7 @@ pub struct PlayedRun {
     pub vouched: bool,
     /// Evidence of decentralized control; `None` under centralized control.
     pub decentralization: Option<Decentralization>,
-    /// True if the owner declares that people played.
+    /// True if the owner declares that people played, on all seats or on some.
     pub is_human: bool,
     /// Name of the prompt; `None` for players that read none, and for games of files.
     pub prompt: Option<String>,
@@ -173,14 +190,8 @@ pub struct EndedGame {
     pub slot: Slot,
     /// Final score.
     pub score: f64,
-    /// Answers of players, valid or not.
-    pub answers: u64,
-    /// Invalid answers.
-    pub invalid: u64,
-    /// Invalid answers by reason, which games of earlier versions do not record.
-    pub failures: Failures,
-    /// Moves that timed out.
-    pub timeouts: u64,
+    /// Counts of its acts.
+    pub tally: Tally,
     /// True if the game was voided and does not count.
     pub voided: bool,
 }

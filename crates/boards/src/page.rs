@@ -1,10 +1,11 @@
 //! Pages of leaderboards and cross-play in their wire format.
 
 use swarmbench_engine::TaskName;
+use swarmbench_journal::Tally;
 use swarmbench_protocol::board::{
     BoardRow, CrossPlay, CrossPlayPair, Leaderboard, RowDifference, TaskScore,
 };
-use swarmbench_protocol::failure::Failures;
+use swarmbench_protocol::run::RunHolder;
 
 use super::collection::Ranked;
 use super::cross_play::Pair;
@@ -12,7 +13,7 @@ use super::interval::Difference;
 use super::rank::Source;
 use super::reference::Table;
 use super::result::TaskResult;
-use super::run::HUMAN;
+use super::run::{HUMAN, TEAM};
 use super::{RowId, scale};
 
 /// Note on rows of the paper.
@@ -41,6 +42,17 @@ pub fn leaderboard(ranked: &Ranked, start: usize, limit: usize) -> Leaderboard {
         items,
         next_cursor: last.map(|row| write_cursor(row.id(), end)),
     }
+}
+
+/// True if every answer has a cost, but for those of players of the server, which have none.
+fn are_whole(tally: &Tally, holders: &[RunHolder]) -> bool {
+    let seats = |holder: &RunHolder| holder.seats.len() as u64;
+    let all: u64 = holders.iter().map(seats).sum();
+    let hosted: u64 = holders.iter().filter(|holder| holder.player.is_some()).map(seats).sum();
+    // In each round every seat has one act, by its player or by the clock.
+    let moves = tally.acts + tally.timeouts;
+    let costless = (moves * hosted).checked_div(all).unwrap_or(0);
+    tally.usage.priced >= tally.acts.saturating_sub(costless)
 }
 
 fn row(ranked: &Ranked, place: usize) -> BoardRow {
@@ -79,14 +91,13 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
         },
         Source::Runs { shown, runs } => {
             let of: Vec<&TaskResult> = tasks.filter_map(|&task| shown.task(task)).collect();
-            let sum =
-                |count: fn(&TaskResult) -> u64| of.iter().map(|task| count(task)).sum::<u64>();
-            let answers = sum(|task| task.answers);
-            let timeouts = sum(|task| task.timeouts);
-            let mut failures = Failures::EMPTY;
+            let mut tally = Tally::default();
             for task in &of {
-                failures.add(task.failures);
+                tally.merge(&task.tally);
             }
+            let Tally { acts, timeouts, usage, .. } = tally;
+            let has_tokens = tally.prompt_tokens > 0 || tally.completion_tokens > 0;
+            let games: u32 = of.iter().map(|task| task.games).sum();
             let run = &shown.run;
             BoardRow {
                 rank,
@@ -95,12 +106,15 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 model: run.player.model.clone(),
                 temperature: run.player.temperature,
                 top_p: run.player.top_p,
+                sampling: run.player.sampling.clone(),
                 prompt_template: run.player.prompt.template.clone(),
                 prompt: run.prompt.clone(),
                 answer_reader: run.answer_reader.clone(),
                 vouched: Some(run.vouched),
                 decentralization: run.decentralization.map(|kind| kind.name().to_owned()),
-                kind: kind(run.is_human),
+                kind: kind(run.is_human)
+                    .or_else(|| (!run.player.holders.is_empty()).then(|| TEAM.to_owned())),
+                holders: run.player.holders.clone(),
                 runs: Some(whole(*runs)),
                 run: Some(run.id.clone()),
                 status: Some(run.status.clone()),
@@ -108,11 +122,16 @@ fn row(ranked: &Ranked, place: usize) -> BoardRow {
                 total,
                 tasks: of.iter().map(|task| (task.task.name().to_owned(), score(task))).collect(),
                 difference,
-                invalid_share: share(sum(|task| task.invalid), answers),
-                failures,
-                timeout_share: share(timeouts, answers + timeouts),
-                clock_out_share: share(timeouts, answers + timeouts),
+                invalid_share: share(tally.invalid, acts),
+                failures: tally.failures,
+                timeout_share: share(timeouts, acts + timeouts),
+                clock_out_share: share(timeouts, acts + timeouts),
                 voided: Some(of.iter().map(|task| task.voided).sum()),
+                prompt_tokens: Some(tally.prompt_tokens).filter(|_| has_tokens),
+                completion_tokens: Some(tally.completion_tokens).filter(|_| has_tokens),
+                usage,
+                cost_usd: usage.cost_usd().map(|cost| cost / f64::from(games.max(1))),
+                costs_are_whole: (usage.priced > 0).then(|| are_whole(&tally, &run.player.holders)),
                 ..BoardRow::default()
             }
         }

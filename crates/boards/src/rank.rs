@@ -282,8 +282,8 @@ pub(super) mod tests {
     use super::super::{Decentralization, EndedGame, Owner, PlayedRun, Player, Slot};
     use super::*;
     use swarmbench_engine::Seed;
+    use swarmbench_journal::Tally;
     use swarmbench_prompt::Identity;
-    use swarmbench_protocol::failure::Failures;
 
     pub(in super::super) fn player(model: &str) -> Player {
         Player {
@@ -291,7 +291,9 @@ pub(super) mod tests {
             model: model.to_owned(),
             temperature: Some(1.0),
             top_p: None,
+            sampling: None,
             prompt: Identity::default(),
+            holders: Vec::new(),
         }
     }
 
@@ -318,10 +320,14 @@ pub(super) mod tests {
         EndedGame {
             slot: Slot { task, seed: seed.into() },
             score,
-            answers: 10,
-            invalid: 1,
-            failures: Failures::EMPTY,
-            timeouts: 2,
+            tally: Tally {
+                acts: 10,
+                invalid: 1,
+                timeouts: 2,
+                prompt_tokens: 1000,
+                completion_tokens: 50,
+                ..Tally::default()
+            },
             voided: false,
         }
     }
@@ -391,6 +397,7 @@ pub(super) mod tests {
                 ..same.clone()
             },
             Player { temperature: None, ..same.clone() },
+            Player { sampling: Some("effort low".to_owned()), ..same.clone() },
             Player { top_p: Some(1.0), temperature: None, ..same.clone() },
             with(Identity { template: Some("u".to_owned()), ..Identity::default() }),
             with(Identity { revision: Some(2), ..Identity::default() }),

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 pub use swarmbench_analysis::means::mean_and_deviation;
 pub(super) use swarmbench_analysis::means::{float, mean};
 use swarmbench_engine::{Seed, TaskName};
-use swarmbench_protocol::failure::Failures;
+use swarmbench_journal::Tally;
+use swarmbench_protocol::run::RunHolder;
 
 use super::{EndedGame, PlayedRun, Player, RowId, Slot};
 
@@ -63,14 +64,8 @@ pub struct TaskResult {
     pub planned: u32,
     /// Number of voided games.
     pub voided: u32,
-    /// Answers of players in the games that count.
-    pub answers: u64,
-    /// Invalid answers among them.
-    pub invalid: u64,
-    /// Invalid answers by reason.
-    pub failures: Failures,
-    /// Moves that timed out.
-    pub timeouts: u64,
+    /// Counts of the acts in the games that count.
+    pub tally: Tally,
 }
 
 impl RunResult {
@@ -83,7 +78,12 @@ impl RunResult {
         let PlayedRun { id, player, status, prompt, answer_reader, .. } = &self.run;
         let owner = player.owner.as_ref().map_or(0, |owner| owner.id.len() + owner.name.len());
         let names: usize = [prompt, answer_reader].into_iter().flatten().map(String::len).sum();
-        let texts = id.len() + status.len() + player.model.len() + owner + names;
+        let holder = |holder: &RunHolder| {
+            let texts = holder.name.len() + holder.model.len() + 2 * holder.seats.len();
+            size_of::<RunHolder>() + texts
+        };
+        let team: usize = player.holders.iter().map(holder).sum();
+        let texts = id.len() + status.len() + player.model.len() + owner + names + team;
         size_of::<Self>() + texts + self.tasks.iter().map(task).sum::<usize>()
     }
 
@@ -139,6 +139,14 @@ impl RunResult {
         Some(Self { run, row: last.row, tasks })
     }
 
+    /// Counts of the acts in all games that count.
+    #[must_use]
+    pub fn tally(&self) -> Tally {
+        let mut sum = Tally::default();
+        self.tasks.iter().for_each(|task| sum.merge(&task.tally));
+        sum
+    }
+
     /// Result of one task, if the suite has it.
     #[must_use]
     pub fn task(&self, task: TaskName) -> Option<&TaskResult> {
@@ -155,7 +163,7 @@ impl RunResult {
 impl TaskResult {
     /// A result without games.
     #[must_use]
-    pub const fn empty(task: TaskName) -> Self {
+    pub fn empty(task: TaskName) -> Self {
         Self {
             task,
             scores: Vec::new(),
@@ -163,10 +171,7 @@ impl TaskResult {
             games: 0,
             planned: 0,
             voided: 0,
-            answers: 0,
-            invalid: 0,
-            failures: Failures::EMPTY,
-            timeouts: 0,
+            tally: Tally::default(),
         }
     }
 
@@ -185,10 +190,7 @@ impl TaskResult {
             Some(game) => {
                 self.planned += 1;
                 self.games += 1;
-                self.answers += game.answers;
-                self.invalid += game.invalid;
-                self.failures.add(game.failures);
-                self.timeouts += game.timeouts;
+                self.tally.merge(&game.tally);
                 self.scores.push((seed, game.score));
             }
             None => {
@@ -215,10 +217,7 @@ impl TaskResult {
             all.games += one.games;
             all.planned += one.planned;
             all.voided += one.voided;
-            all.answers += one.answers;
-            all.invalid += one.invalid;
-            all.failures.add(one.failures);
-            all.timeouts += one.timeouts;
+            all.tally.merge(&one.tally);
             for &(seed, score) in &one.scores {
                 seeds.entry(seed).or_default().push(score);
             }
@@ -267,11 +266,12 @@ mod tests {
     #[test]
     fn a_voided_game_does_not_count_unless_it_was_played_again() {
         let plan = slots(&[TaskName::Pursuit], &[1, 2]);
-        let broken = EndedGame { voided: true, invalid: 7, ..game(TaskName::Pursuit, 1, 99.0) };
+        let tally = Tally { invalid: 7, ..Tally::default() };
+        let broken = EndedGame { voided: true, tally, ..game(TaskName::Pursuit, 1, 99.0) };
         let games = [broken, game(TaskName::Pursuit, 2, 4.0)];
         let result = RunResult::new(run("a", "finished", 1), &plan, &games, true);
         assert_eq!(shown(&result.tasks[0]), "4.00 ± 0.00 1/1");
-        assert_eq!((result.tasks[0].voided, result.tasks[0].invalid), (1, 1));
+        assert_eq!((result.tasks[0].voided, result.tasks[0].tally.invalid), (1, 1));
 
         let again = [broken, game(TaskName::Pursuit, 1, 2.0), game(TaskName::Pursuit, 2, 4.0)];
         let result = RunResult::new(run("a", "finished", 1), &plan, &again, true);

@@ -13,10 +13,10 @@ use serde::de::DeserializeOwned;
 use super::{http, page};
 use swarmbench_boards::collection::Question;
 use swarmbench_protocol::act::{
-    ActRequest, Receipt, SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse,
+    ActRequest, Receipt, SeatActs, SwarmAct, SwarmActRequest, SwarmActResponse, SwarmObsResponse,
 };
 use swarmbench_protocol::board::{CrossPlay, Leaderboard};
-use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary};
+use swarmbench_protocol::episode::{CreatedEpisode, EpisodeRequest, EpisodeSummary, VoidRequest};
 use swarmbench_protocol::key::{CreatedKey, KeyList, KeyRequest, KeySummary};
 use swarmbench_protocol::problem::Problem;
 use swarmbench_protocol::run::{CreatedRun, RunDetail, RunRequest, RunToken};
@@ -225,6 +225,12 @@ impl Client {
         self.signed_with(call, None)
     }
 
+    /// True if the client has a key.
+    #[must_use]
+    pub const fn has_key(&self) -> bool {
+        self.key.is_some()
+    }
+
     /// Adds the token, or else the key, if there is one.
     fn signed_with(&self, call: RequestBuilder, token: Option<&str>) -> RequestBuilder {
         match token.or(self.key.as_ref().map(|Secret(key)| key.as_str())) {
@@ -307,10 +313,27 @@ impl Client {
         self.ask(Method::GET, &path, |call| self.signed_with(call, token)).await
     }
 
+    /// Has an ended game of a run played again, with the token of the run or else with the key. A repetition changes nothing.
+    pub async fn repeat_episode(
+        &self,
+        id: &str,
+        reason: &str,
+        token: Option<&str>,
+    ) -> Result<EpisodeSummary, ClientError> {
+        let path = format!("/api/v1/episodes/{id}/repeat");
+        let body = VoidRequest { reason: reason.to_owned() };
+        self.ask(Method::POST, &path, |call| self.signed_with(call, token).json(&body)).await
+    }
+
     /// Replaces the token of a run.
-    pub async fn replace_run_token(&self, id: &str) -> Result<RunToken, ClientError> {
+    pub async fn replace_run_token(
+        &self,
+        id: &str,
+        holder: Option<&str>,
+    ) -> Result<RunToken, ClientError> {
         let path = format!("/api/v1/runs/{id}/token");
-        self.ask(Method::POST, &path, |call| self.signed(call)).await
+        let query = holder.map(|holder| ("holder", holder));
+        self.ask(Method::POST, &path, |call| self.signed(call).query(query.as_slice())).await
     }
 
     /// Current observation of a seat as raw JSON, with the text for a language model if `prompt` is set. With `after` the
@@ -351,6 +374,23 @@ impl Client {
             let call = call.bearer_auth(token).query(&[("wait", wait_s)]);
             let call = call.query(&[("limit", limit)]).query(&[("prompt", prompt)]);
             call.query(&[("after", after)])
+        })
+        .await
+    }
+
+    /// Acts of a seat of the token in some rounds, at most 20, with their prompts if asked for; fewer where these are long.
+    pub async fn swarm_acts(
+        &self,
+        token: &str,
+        episode: &str,
+        agent: &str,
+        rounds: std::ops::Range<u32>,
+        prompt: bool,
+    ) -> Result<SeatActs, ClientError> {
+        self.ask(Method::GET, "/swarm/acts", |call| {
+            let call = call.bearer_auth(token).query(&[("episode", episode), ("agent", agent)]);
+            let call = call.query(&[("last", rounds.len()), ("before", rounds.end as usize)]);
+            call.query(&[("prompt", prompt)])
         })
         .await
     }

@@ -58,6 +58,9 @@ pub trait Swarm {
     /// Begins to decide for seats that wait for an act. Each seat and round comes once.
     fn decide(&mut self, looked: Vec<Observation>) -> Vec<Thought<Self::Error>>;
 
+    /// Learns that an act is durable, as it was stored.
+    fn acted(&mut self, _act: &SwarmAct) {}
+
     /// True if a stop waits for decisions in flight, rather than dropping them.
     const WAITS_WHEN_STOPPED: bool = false;
 
@@ -204,7 +207,7 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
                 (acts, sent) = async { sending.as_mut().expect("it is there").await }, if sending.is_some() => {
                     sending = None;
                     match sent {
-                        Ok(done) => self.receive(acts, done.receipts),
+                        Ok(done) => self.receive(acts, done.receipts, |act| swarm.acted(act)),
                         Err(error) => {
                             // No act can be sent any more.
                             self.outbox.clear();
@@ -268,13 +271,19 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
         })
     }
 
-    fn receive(&mut self, acts: Vec<SwarmAct>, receipts: Vec<SwarmReceipt>) {
+    fn receive(
+        &mut self,
+        acts: Vec<SwarmAct>,
+        receipts: Vec<SwarmReceipt>,
+        mut acted: impl FnMut(&SwarmAct),
+    ) {
         let mut again = Vec::new();
         let mut pause = Duration::ZERO;
         for (mut act, receipt) in acts.into_iter().zip(receipts) {
             let problem = match receipt {
                 SwarmReceipt::Receipt(receipt) => {
                     self.put_off = 0;
+                    acted(&act);
                     (self.note)(Note::Acted(&act, &receipt));
                     continue;
                 }
@@ -284,6 +293,8 @@ impl<'a, E: Display + Send + 'static, N: FnMut(Note<'_>)> Drive<'a, E, N> {
                 // The round's clock may have run out, or somebody aborted the episode.
                 Refusal::TooLate => (self.note)(Note::Late(&act)),
                 Refusal::JournalFull if fit(&mut act, usize::MAX) > SMALL_ACT_BYTES_MAX => {
+                    // The decision has the little room that there is, and the notes are forgotten.
+                    act.harness = None;
                     fit(&mut act, SMALL_ACT_BYTES_MAX);
                     again.push(act);
                 }
@@ -329,7 +340,8 @@ impl Refusal {
 }
 
 /// Cuts the texts of an act to at most `most` bytes of JSON; returns the bytes of the result. The reasoning is cut
-/// first, then the beginning of the answer: prompts ask for the decision at the end.
+/// first, then what the harness added, then the beginning of the answer: prompts ask for the decision at the end. Notes are short,
+/// and stay.
 fn fit(act: &mut SwarmAct, most: usize) -> usize {
     loop {
         let bytes = serde_json::to_vec(act).map_or(0, |json| json.len());
@@ -337,16 +349,27 @@ fn fit(act: &mut SwarmAct, most: usize) -> usize {
         if over == 0 {
             return bytes;
         }
-        // A control character takes six bytes of JSON, so the loop may take several turns.
-        let texts = [&mut act.reasoning, &mut act.response].into_iter().flatten();
-        let Some(text) = texts.into_iter().find(|text| !text.is_empty()) else { return bytes };
-        let from = text.ceil_char_boundary(over.div_ceil(6).max(over.min(text.len()) / 2));
-        text.drain(..from);
+        if let Some(text) = act.reasoning.as_mut().filter(|text| !text.is_empty()) {
+            shorten(text, over);
+        } else if act.harness.as_mut().is_some_and(|harness| harness.shorten()) {
+        } else if let Some(text) = act.response.as_mut().filter(|text| !text.is_empty()) {
+            shorten(text, over);
+        } else {
+            return bytes;
+        }
     }
+}
+
+/// Cuts the beginning of a text that is `over` bytes of JSON too long, or some of it: a control character takes six bytes of JSON.
+fn shorten(text: &mut String, over: usize) {
+    let from = text.ceil_char_boundary(over.div_ceil(6).max(over.min(text.len()) / 2));
+    text.drain(..from);
 }
 
 #[cfg(test)]
 mod tests {
+    use swarmbench_protocol::act::Harness;
+
     use super::*;
 
     fn refused(code: &str) -> SwarmReceipt {
@@ -364,11 +387,11 @@ mod tests {
         for code in ["rate_limited", "overloaded", "unavailable"] {
             let mut drive: Drive<'_, String, _> = Drive::new(&client, "", |_: Note<'_>| {});
             for tries in 1..=PUT_OFF_MAX {
-                drive.receive(act(), vec![refused(code)]);
+                drive.receive(act(), vec![refused(code)], |_| {});
                 assert_eq!(drive.delayed.len(), tries as usize, "{code}");
                 assert!(drive.halted.is_none(), "{code}");
             }
-            drive.receive(act(), vec![refused(code)]);
+            drive.receive(act(), vec![refused(code)], |_| {});
             assert!(matches!(drive.halted, Some(DriveError::Refused { .. })), "{code}");
         }
     }
@@ -382,7 +405,14 @@ mod tests {
                 reasoning: Some(text),
                 ..SwarmAct::default()
             };
+            act.harness = Some(Box::new(Harness {
+                added: Some("x".repeat(9_000)),
+                scratchpad: Some("notes".to_owned()),
+                ..Harness::default()
+            }));
             let bytes = fit(&mut act, ACT_BYTES_MAX);
+            let kept = act.harness.take().expect("a harness");
+            assert_eq!((kept.added, kept.scratchpad.as_deref()), (None, Some("notes")));
             assert!((ACT_BYTES_MAX / 3..=ACT_BYTES_MAX).contains(&bytes), "{filler:?} {bytes}");
             assert_eq!(act.reasoning.as_deref(), Some(""));
             assert!(act.response.is_some_and(|text| text.ends_with("ACTION: UP")));

@@ -39,6 +39,8 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
     let mut headings = vec!["", "model"];
     headings.extend(board.tasks.iter().map(|task| short(task)));
     headings.push("total");
+    let has_costs = is_wide && board.items.iter().any(|row| row.cost_usd.is_some());
+    headings.extend(has_costs.then_some("$ a game"));
     if is_wide {
         headings.extend(["below the row above", "what went wrong"]);
     }
@@ -48,6 +50,7 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
         let mut cells = vec![rank(row.rank), player(row)];
         cells.extend(board.tasks.iter().map(|task| score(row, task)));
         cells.push(total(row.total));
+        cells.extend(has_costs.then(|| cost(row)));
         if is_wide {
             cells.push(below(row.difference.as_ref()));
             cells.push(failures(row));
@@ -55,11 +58,18 @@ fn rows(board: &Leaderboard, width: u16) -> Table {
         shown.add_row(cells);
     }
     for (number, column) in shown.column_iter_mut().enumerate() {
-        if number != 1 && number < board.tasks.len() + 3 {
+        if number != 1 && number < board.tasks.len() + 3 + usize::from(has_costs) {
             column.set_cell_alignment(CellAlignment::Right);
         }
     }
     shown
+}
+
+/// Mean cost of a game in US dollars; a lower bound where the cost of some answers is unknown.
+fn cost(row: &BoardRow) -> String {
+    let Some(cost) = row.cost_usd else { return String::new() };
+    let mark = if row.costs_are_whole == Some(true) { "" } else { "≥" };
+    format!("{mark}{cost:.4}")
 }
 
 /// Distance of a row from a better one, with the interval of 95 %.
@@ -96,6 +106,7 @@ fn player(row: &BoardRow) -> String {
         row.owner.as_ref().map(|owner| format!("by {owner}")),
         row.temperature.map(|temperature| format!("T {temperature}")),
         row.top_p.map(|top_p| format!("top_p {top_p}")),
+        row.sampling.clone(),
         row.prompt.clone().filter(|name| name != "default").map(|name| format!("prompt {name}")),
         row.answer_reader.clone().filter(|name| !AnswerReader::is_usual(name)),
     ];
@@ -112,6 +123,10 @@ fn player(row: &BoardRow) -> String {
             text.push('\n');
             text.push_str(&parts.join(", "));
         }
+    }
+    for holder in &row.holders {
+        text.push('\n');
+        text.push_str(&holder.in_short());
     }
     text
 }
@@ -138,9 +153,7 @@ fn failures(row: &BoardRow) -> String {
             .map(|share| format!("{} invalid", percent(share))),
         (row.timeout_share.filter(|&share| share > 0.0))
             .map(|share| format!("{} out of time", percent(share))),
-        row.voided
-            .filter(|&voided| voided > 0)
-            .map(|voided| format!("{voided} voided by the host")),
+        row.voided.filter(|&voided| voided > 0).map(|voided| format!("{voided} not counted")),
     ];
     parts.into_iter().flatten().collect::<Vec<_>>().join("\n")
 }
@@ -191,6 +204,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
+    use swarmbench_protocol::act::UsageSums;
     use swarmbench_protocol::board::TaskScore;
     use swarmbench_protocol::failure::Failures;
 
@@ -213,12 +227,14 @@ mod tests {
             model: model.to_owned(),
             temperature: Some(0.7),
             top_p: None,
+            sampling: Some("effort low".to_owned()),
             prompt_template: None,
             prompt: Some("default".to_owned()),
             answer_reader: Some("last-marker".to_owned()),
             vouched: Some(false),
             decentralization: Some("declared".to_owned()),
             kind: None,
+            holders: Vec::new(),
             runs: Some(2),
             run: Some("run_0".to_owned()),
             status: Some("aborted".to_owned()),
@@ -231,6 +247,11 @@ mod tests {
             timeout_share: Some(0.0),
             clock_out_share: Some(0.0),
             voided: Some(1),
+            prompt_tokens: None,
+            completion_tokens: None,
+            usage: UsageSums::NONE,
+            cost_usd: Some(0.032),
+            costs_are_whole: Some(false),
             metrics: std::collections::BTreeMap::new(),
         }
     }
@@ -261,7 +282,7 @@ mod tests {
         assert!(widest(&narrow) <= Some(80), "{narrow}");
         let wide = rows(&board, WIDE).to_string();
         assert!(widest(&wide) <= Some(WIDE.into()), "{wide}");
-        assert!(wide.contains("3.1 % invalid") && wide.contains("1 voided by the host"), "{wide}");
-        assert!(!wide.contains("out of time"), "{wide}");
+        assert!(wide.contains("3.1 % invalid") && wide.contains("1 not counted"), "{wide}");
+        assert!(!wide.contains("out of time") && wide.contains(" ≥0.0320 "), "{wide}");
     }
 }

@@ -147,7 +147,7 @@ async fn play_suite(client: &Client, args: Args) -> anyhow::Result<()> {
         Some(id) => {
             let token = match args.run_token {
                 Some(token) => token,
-                None => client.replace_run_token(&id).await?.swarm_token,
+                None => client.replace_run_token(&id, None).await?.swarm_token,
             };
             (client.run(&id, Some(&token)).await?, token)
         }

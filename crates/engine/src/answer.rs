@@ -6,6 +6,9 @@
 //! - `last-marker`: the last of each kind. Around a marker or a value it accepts what models are seen to write: white
 //!   space, list signs, Markdown emphasis and headings, quotes, brackets.
 //! - `first-marker`: the first of each kind anywhere in the text, as the public toolkit reads.
+//! - `json`: no markers, but the fields of one JSON object.
+
+use serde::Deserialize;
 
 use crate::act::{Act, Action, AgentId};
 use crate::config::Config;
@@ -34,9 +37,9 @@ impl Answer {
 pub enum Fault {
     /// The answer is empty or white space.
     Empty,
-    /// The answer has no `ACTION:` and no `MSG:` with a message.
+    /// The answer has no action and no message.
     NoMarker,
-    /// The answer has an `ACTION:` that no action of the task follows.
+    /// The answer has an action by a name that the task does not have.
     UnknownAction,
 }
 
@@ -57,29 +60,28 @@ pub fn parse(text: &str, config: &Config, agent: AgentId) -> Answer {
     let read = match config.answer_reader() {
         AnswerReader::LastMarker => last_markers(text, config),
         AnswerReader::FirstMarker => first_markers(text, config),
+        AnswerReader::Json => object(text, config),
     };
     if !read.valid {
         return Answer { act: Act::default(), fault: Some(Fault::of(text, read.names_action)) };
     }
     let commands = config.control() == Control::Centralized && agent == AgentId::COMMANDER;
-    let to = (read.to.filter(|_| commands))
-        .and_then(receiver)
-        .filter(|to| *to != agent && to.0 < config.num_agents());
+    let to = (read.to.filter(|_| commands)).filter(|to| *to != agent && to.0 < config.num_agents());
     Answer { act: Act { action: read.action, message: read.message, to }, fault: None }
 }
 
-/// The markers that a reader finds in a text.
-struct Read<'a> {
+/// What a reader finds in a text.
+struct Read {
     action: Option<Action>,
     message: Option<Message>,
-    /// The value of `TO`.
-    to: Option<&'a str>,
-    /// True if the answer has a marker `ACTION:`, whatever follows.
+    /// The receiver, whether or not there is such an agent.
+    to: Option<AgentId>,
+    /// True if the answer has an action by any name.
     names_action: bool,
     valid: bool,
 }
 
-fn last_markers<'a>(text: &'a str, config: &Config) -> Read<'a> {
+fn last_markers(text: &str, config: &Config) -> Read {
     let markers = markers(text, config.control() == Control::Centralized);
     let last = |kind| markers.iter().rev().find(|marker| marker.kind == kind);
     let message = last(Kind::Message).and_then(|marker| Message::new(unwrapped(marker.value)));
@@ -90,21 +92,45 @@ fn last_markers<'a>(text: &'a str, config: &Config) -> Read<'a> {
         words(marker.value).any(|word| word.eq_ignore_ascii_case("MSG")) || marker.announces_message
     });
     let valid = action.is_some() || (is_only_message && message.is_some());
-    let to = last(Kind::To).map(|marker| marker.value);
+    let to = last(Kind::To).and_then(|marker| receiver(marker.value));
     Read { action, message, to, names_action: said.is_some(), valid }
 }
 
 /// Reads a text as the public toolkit does: a marker is found wherever its letters stand, in three spellings, and a
 /// later spelling overrides an earlier one. An action is found by its letters, too.
-fn first_markers<'a>(text: &'a str, config: &Config) -> Read<'a> {
+fn first_markers(text: &str, config: &Config) -> Read {
     let actions = Action::of_task(config.task());
     let said = || values(text, ["ACTION:", "Action:", "action:"]);
     let action = (said().rev())
         .find_map(|value| actions.iter().copied().find(|action| value.contains(action.name())));
     let message = values(text, ["MSG:", "Msg:", "msg:"]).next_back().and_then(Message::new);
-    let to = values(text, ["TO:", "To:", "to:"]).next_back();
+    let to = values(text, ["TO:", "To:", "to:"]).next_back().and_then(receiver);
     let valid = action.is_some() || message.is_some();
     Read { action, message, to, names_action: said().next().is_some(), valid }
+}
+
+/// The fields of an answer in JSON. Others are skipped, without memory for what they hold.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Fields {
+    action: Option<String>,
+    message: Option<String>,
+    to: Option<String>,
+}
+
+/// Reads the JSON object that begins at the first brace of a text, after the reasoning if the text has any. What follows it is
+/// no part of the answer.
+fn object(text: &str, config: &Config) -> Read {
+    let spoken = text.rsplit_once("</think>").map_or(text, |(_, spoken)| spoken);
+    let json = spoken.find('{').map_or("", |start| &spoken[start..]);
+    let fields = serde_json::Deserializer::from_str(json).into_iter::<Fields>().next();
+    let Fields { action: said, message, to } = fields.and_then(Result::ok).unwrap_or_default();
+    let said = said.as_deref().map(str::trim).filter(|name| !name.is_empty());
+    let action = said.and_then(|name| named(config.task(), name));
+    let message = message.as_deref().and_then(Message::new);
+    let valid = action.is_some() || (said.is_none() && message.is_some());
+    let to = to.as_deref().and_then(receiver);
+    Read { action, message, to, names_action: said.is_some(), valid }
 }
 
 /// The values after the first occurrence of each of these markers, up to the end of the line.

@@ -81,15 +81,6 @@ impl Mail {
         self.inbox.iter().map(Vec::len).sum()
     }
 
-    /// Number of messages under way, counted once for each receiver known so far, and at least once.
-    pub(crate) fn under_way(&self) -> usize {
-        let copies = |message: &PendingMessage| match &message.audience {
-            Audience::Decided(receivers) => receivers.len(),
-            Audience::Open { .. } => 1,
-        };
-        self.pending.iter().map(copies).sum()
-    }
-
     /// Approximate memory in bytes. Copies of a message share its text, unless there is noise.
     pub(crate) fn bytes(&self, config: &Config) -> usize {
         let pending = self.pending.iter().map(|message| {

@@ -95,6 +95,8 @@ named! {
         LastMarker = "last-marker",
         /// The first marker of each kind counts, wherever it stands: how the public toolkit reads.
         FirstMarker = "first-marker",
+        /// The fields of the first JSON object count.
+        Json = "json",
     }
 }
 

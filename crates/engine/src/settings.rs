@@ -56,7 +56,7 @@ macro_rules! define_settings {
             /// The seed of the layout, 0 to 2⁵³ − 1.
             pub seed: i64,
             $($($(#[doc = $doc])* pub $setting: $asked,)*)*
-            /// The reader of language models' answers, `last-marker` or `first-marker`.
+            /// The reader of language models' answers, `last-marker`, `first-marker` or `json`.
             pub answer_reader: String,
         }
 

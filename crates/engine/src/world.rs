@@ -118,18 +118,6 @@ impl World {
         self.mail.deliveries()
     }
 
-    /// Number of messages delivered with the current observations, counted once for each receiver.
-    #[must_use]
-    pub fn messages_delivered(&self) -> usize {
-        self.mail.delivered()
-    }
-
-    /// Number of messages under way, counted once for each receiver known so far, and at least once.
-    #[must_use]
-    pub fn messages_under_way(&self) -> usize {
-        self.mail.under_way()
-    }
-
     /// All agents in order of their numbers.
     pub fn agents(&self) -> impl Iterator<Item = AgentId> + use<> {
         (0..self.config.num_agents).map(AgentId)

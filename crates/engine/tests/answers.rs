@@ -1,6 +1,6 @@
 //! Real answers of language models, and how they are parsed.
 
-use swarmbench_engine::answer::{self, Answer};
+use swarmbench_engine::answer::{self, Answer, Fault};
 use swarmbench_engine::{AgentId, AnswerReader, Config, Control, Settings, TaskName};
 
 /// An answer, and its parsed form as [`shown`] writes it.
@@ -26,7 +26,11 @@ fn config(task: TaskName, control: Control) -> Config {
 }
 
 fn first_marker(task: TaskName, control: Control) -> Config {
-    let [control, answer_reader] = [control.name(), AnswerReader::FirstMarker.name()];
+    read_by(AnswerReader::FirstMarker, task, control)
+}
+
+fn read_by(reader: AnswerReader, task: TaskName, control: Control) -> Config {
+    let [control, answer_reader] = [control.name(), reader.name()];
     let settings = Settings {
         control: control.to_owned(),
         answer_reader: answer_reader.to_owned(),
@@ -373,4 +377,54 @@ fn long_answers_are_read_in_linear_time() {
             let _ = answer::parse(&text, &first, AgentId::COMMANDER);
         }
     }
+}
+
+/// Answers by the reader `json`, with their faults.
+#[test]
+fn the_first_object_of_an_answer_in_json_counts() {
+    let rows: &[AnswerCase] = &[
+        (r#"{"action": "UP", "message": null}"#, "UP"),
+        (r#"{"action": " up ", "message": "hello\nthere"}"#, "UP: hello there"),
+        (r#"{"action": null, "message": "wait"}"#, "none: wait"),
+        (r#"{"action": "", "message": "wait"}"#, "none: wait"),
+        (r#"{"message": "wait"}"#, "none: wait"),
+        ("```json\n{\"action\": \"LEFT\"}\n```", "LEFT"),
+        (r#"Sure: {"action": "DOWN", "notes": {"a": [1, {"b": 2}]}} {"action": "UP"}"#, "DOWN"),
+        (r#"<think>{"action": "UP"}</think> {"action": "DOWN"}"#, "DOWN"),
+        (r#"{"action": "UP", "to": "Agent_3", "message": "go"}"#, "UP: go"),
+        (r#"{"action": "JUMP", "message": "wait"}"#, "invalid"),
+        (r#"{"action": "UP", "action": "DOWN"}"#, "invalid"),
+        (r#"{"action": 1, "message": "wait"}"#, "invalid"),
+        (r#"{"action": "UP""#, "invalid"),
+        (r#"{"action": null, "message": null}"#, "invalid"),
+        (r#"["UP", "hello"]"#, "invalid"),
+        ("ACTION: UP", "invalid"),
+        ("{}", "invalid"),
+        ("", "invalid"),
+    ];
+    let config = read_by(AnswerReader::Json, TaskName::Transport, Control::Decentralized);
+    check(&config, AgentId(1), rows);
+    for (text, fault) in [
+        ("{\"action\": \"JUMP\"}", Fault::UnknownAction),
+        ("no object", Fault::NoMarker),
+        (" ", Fault::Empty),
+    ] {
+        assert_eq!(answer::parse(text, &config, AgentId(1)).fault, Some(fault), "{text}");
+    }
+    let central = read_by(AnswerReader::Json, TaskName::Transport, Control::Centralized);
+    let order = r#"{"action": "UP", "message": "go", "to": "Agent_3"}"#;
+    check(&central, AgentId::COMMANDER, &[(order, "UP: go -> Agent_3")]);
+    check(&central, AgentId(1), &[(order, "UP: go")]);
+    // Depth takes neither stack nor time beyond that of the text.
+    let deep = "[".repeat(100_000);
+    let nested = format!("{{\"notes\": {deep}{}, \"action\": \"UP\"}}", "]".repeat(100_000));
+    assert_eq!(shown(&answer::parse(&nested, &config, AgentId(1))), "UP");
+    assert_eq!(
+        shown(&answer::parse(&format!("{{\"notes\": {deep}"), &config, AgentId(1))),
+        "invalid"
+    );
+    assert_eq!(
+        shown(&answer::parse(&format!("{{\"action\": {deep}"), &config, AgentId(1))),
+        "invalid"
+    );
 }

@@ -15,6 +15,7 @@ use serde_json::value::RawValue;
 use swarmbench_engine::{Act, Action, AgentId, Config, Message, Seed, SettingErrors, Settings};
 
 use super::chain::Head;
+use swarmbench_protocol::act::Harness;
 pub use swarmbench_protocol::act::Usage;
 use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::failure::Failure;
@@ -242,7 +243,7 @@ impl Opening {
     /// True if boards count the episode: it belongs to a run or has several holders, and it is no fork.
     #[must_use]
     pub fn counts(&self) -> bool {
-        let is_listed = self.run.is_some() || !self.config.open_seats.is_empty();
+        let is_listed = self.run.is_some() || self.config.is_mixed();
         is_listed && self.fork.is_none()
     }
 
@@ -288,10 +289,34 @@ swarmbench_protocol::game_settings! {
         /// The built-in player that the server hosts on the creator's seats.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub player: Option<String>,
+        /// The holders of a team, which has all seats from the creation on; holder 1 is the first.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        pub holders: Vec<TeamHolder>,
     }
 }
 
+/// A holder of a team, as it was declared at the creation.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TeamHolder {
+    /// The name of the holder within its team.
+    pub name: String,
+    /// The name of the player.
+    pub model: String,
+    /// The indices of its agents, in order.
+    pub seats: Vec<u16>,
+    /// The built-in player that the server hosts on these seats, if any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub player: Option<String>,
+}
+
 impl RecordedConfig {
+    /// True if several holders may have seats: some were open to claims, or a team has all.
+    #[must_use]
+    pub fn is_mixed(&self) -> bool {
+        !self.open_seats.is_empty() || !self.holders.is_empty()
+    }
+
     /// Records the engine's settings; all others have their defaults.
     #[must_use]
     pub fn of(config: &Config) -> Self {
@@ -424,10 +449,13 @@ pub struct ActRecord {
     pub response: Option<String>,
     /// The tokens and duration of the answer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub usage: Option<Usage>,
+    pub usage: Option<Box<Usage>>,
     /// Free text, stored for readers of replays.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reasoning: Option<String>,
+    /// What the player's program added to the prompt, and kept.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub harness: Option<Box<Harness>>,
     /// Milliseconds of the seat's bank that the act used.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub bank_spent_ms: u64,
@@ -452,9 +480,11 @@ pub struct Decision {
     /// The language model's answer, if any.
     pub response: Option<String>,
     /// The tokens and duration of the answer.
-    pub usage: Option<Usage>,
+    pub usage: Option<Box<Usage>>,
     /// Free text, stored for readers of replays.
     pub reasoning: Option<String>,
+    /// What the player's program added to the prompt, and kept.
+    pub harness: Option<Box<Harness>>,
 }
 
 impl Decision {
@@ -470,6 +500,7 @@ impl Decision {
             response: None,
             usage: None,
             reasoning: None,
+            harness: None,
         }
     }
 
@@ -482,7 +513,8 @@ impl Decision {
     /// The record of the decision.
     #[must_use]
     pub fn record(&self, agent: AgentId, bank_spent_ms: u64) -> ActRecord {
-        let Self { source, act, valid, failure, response, usage, reasoning } = self.clone();
+        let Self { source, act, valid, failure, response, usage, reasoning, harness } =
+            self.clone();
         ActRecord {
             agent: agent.to_string(),
             source,
@@ -494,24 +526,26 @@ impl Decision {
             response,
             usage,
             reasoning,
+            harness,
             bank_spent_ms,
         }
     }
 
-    /// The record without the language model's answer and the reasoning, which may be large and which no state
-    /// depends on. `None` if there is neither.
+    /// The record without the texts around the act, which may be large and which no state depends on. `None` if there are
+    /// none.
     #[must_use]
     pub fn brief_record(&self, agent: AgentId, bank_spent_ms: u64) -> Option<ActRecord> {
-        let Self { source, act, valid, failure, response, usage, reasoning } = self;
-        (response.is_some() || reasoning.is_some()).then(|| {
+        let Self { source, act, valid, failure, response, usage, reasoning, harness } = self;
+        (response.is_some() || reasoning.is_some() || harness.is_some()).then(|| {
             let brief = Self {
                 source: *source,
                 act: act.clone(),
                 valid: *valid,
                 failure: *failure,
                 response: None,
-                usage: *usage,
+                usage: usage.clone(),
                 reasoning: None,
+                harness: None,
             };
             brief.record(agent, bank_spent_ms)
         })
@@ -522,7 +556,8 @@ impl Decision {
     pub fn text_bytes(&self) -> u64 {
         let message = self.act.message.as_ref().map(Message::as_str);
         let texts = [message, self.response.as_deref(), self.reasoning.as_deref()];
-        texts.into_iter().flatten().map(|text| text.len() as u64).sum()
+        let of_harness = self.harness.iter().flat_map(|harness| harness.texts());
+        texts.into_iter().flatten().chain(of_harness).map(|text| text.len() as u64).sum()
     }
 }
 
@@ -530,14 +565,22 @@ impl ActRecord {
     /// The record as a fork takes it over: the act and the message, without traces of who decided.
     #[must_use]
     pub fn taken_over(self) -> Self {
-        Self { response: None, usage: None, reasoning: None, bank_spent_ms: 0, ..self }
+        let harness = None;
+        Self { response: None, usage: None, reasoning: None, harness, bank_spent_ms: 0, ..self }
     }
 
-    /// Removes the language model's answer and the reasoning; `None` if there is neither.
+    /// Removes the texts around the act; `None` if there are none.
     #[must_use]
     pub fn brief(self) -> Option<Self> {
-        let has_texts = self.response.is_some() || self.reasoning.is_some();
-        has_texts.then_some(Self { response: None, reasoning: None, ..self })
+        let has_texts =
+            self.response.is_some() || self.reasoning.is_some() || self.harness.is_some();
+        has_texts.then(|| self.without_texts())
+    }
+
+    /// The record without the texts around the act.
+    #[must_use]
+    pub fn without_texts(self) -> Self {
+        Self { response: None, reasoning: None, harness: None, ..self }
     }
 
     /// True if the record has only the fields that a fork takes over.
@@ -546,6 +589,7 @@ impl ActRecord {
         self.response.is_none()
             && self.usage.is_none()
             && self.reasoning.is_none()
+            && self.harness.is_none()
             && self.bank_spent_ms == 0
     }
 
@@ -572,8 +616,8 @@ impl ActRecord {
     #[must_use]
     pub fn decision(self, config: &Config) -> Option<Decision> {
         let act = self.act(config)?;
-        let Self { source, valid, failure, response, usage, reasoning, .. } = self;
-        Some(Decision { source, act, valid, failure, response, usage, reasoning })
+        let Self { source, valid, failure, response, usage, reasoning, harness, .. } = self;
+        Some(Decision { source, act, valid, failure, response, usage, reasoning, harness })
     }
 }
 
@@ -683,8 +727,9 @@ mod tests {
                 valid: true,
                 failure: None,
                 response: Some("x\nACTION: UP".to_owned()),
-                usage: Some(Usage { prompt_tokens: Some(3), ..Usage::default() }),
+                usage: Some(Box::new(Usage { prompt_tokens: Some(3), ..Usage::default() })),
                 reasoning: None,
+                harness: None,
                 bank_spent_ms: 12,
             },
             Decision::clock_ran_out().record(AgentId(1), 0),

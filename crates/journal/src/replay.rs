@@ -10,7 +10,9 @@ use swarmbench_engine::physics::{Solver, SolverError};
 use swarmbench_engine::{Act, AgentId, Config, RULES_REVISION, Scratch, World, answer};
 
 use super::chain::Head;
-use super::record::{ActRecord, End, FORMAT, NEWEST_FORMAT, Opening, Record, Round, Seats, Source};
+use super::record::{
+    ActRecord, End, FORMAT, NEWEST_FORMAT, Opening, Record, Round, Seats, Source, TeamHolder,
+};
 use crate::Tally;
 use swarmbench_protocol::failure::Failure;
 
@@ -399,7 +401,7 @@ impl Player {
     /// True if a record must name the holders of the seats before the first round.
     fn is_seated(&self) -> bool {
         let config = &self.opening.config;
-        !config.open_seats.is_empty() || config.player.is_some()
+        config.is_mixed() || config.player.is_some()
     }
 
     fn seat(&mut self, seats: Seats) -> Result<(), String> {
@@ -426,6 +428,11 @@ impl Player {
             ));
         }
         let config = &self.opening.config;
+        if !config.holders.is_empty() {
+            check_team(&config.holders, &seats)?;
+            self.seats = Some(seats);
+            return Ok(());
+        }
         for (number, seat) in (0..).zip(&seats.seats) {
             if config.open_seats.contains(&number) == (seat.holder == 0) {
                 return Err(format!("{} cannot be a seat of holder {}", seat.agent, seat.holder));
@@ -519,6 +526,25 @@ impl Player {
         self.end = Some(end);
         Ok(())
     }
+}
+
+/// Checks that the seats have the holders that the opening declares, and no others.
+fn check_team(declared: &[TeamHolder], seats: &Seats) -> Result<(), String> {
+    let numbered = || (1_u32..).zip(declared);
+    for (number, seat) in (0_u16..).zip(&seats.seats) {
+        let holder = numbered().find(|(_, holder)| holder.seats.contains(&number));
+        if holder.map(|(number, _)| number) != Some(seat.holder) {
+            return Err(format!("{} cannot be a seat of holder {}", seat.agent, seat.holder));
+        }
+    }
+    for (holder, (number, declared)) in seats.holders.iter().zip(numbered()) {
+        let is_same = (holder.holder, &holder.model, &holder.player)
+            == (number, &declared.model, &declared.player);
+        if !is_same {
+            return Err(format!("holder {number} is not {:?} of the opening", declared.name));
+        }
+    }
+    compare("the number of holders", &seats.holders.len(), &declared.len())
 }
 
 fn compare<T: PartialEq + std::fmt::Debug>(

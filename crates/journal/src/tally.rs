@@ -1,6 +1,7 @@
 //! Counts of acts.
 
 use super::record::{ActRecord, Source, Usage};
+use swarmbench_protocol::act::UsageSums;
 use swarmbench_protocol::failure::{Failure, Failures};
 
 /// Counts of the acts of an episode.
@@ -18,12 +19,25 @@ pub struct Tally {
     pub prompt_tokens: u64,
     /// Tokens of answers, as reported by players.
     pub completion_tokens: u64,
+    /// What else players reported.
+    pub usage: UsageSums,
 }
 
 impl Tally {
     /// Counts an act.
     pub fn add(&mut self, record: &ActRecord) {
-        self.count(record.source, record.valid, record.failure, record.usage);
+        self.count(record.source, record.valid, record.failure, record.usage.as_deref());
+    }
+
+    /// Adds the counts of other acts.
+    pub fn merge(&mut self, other: &Self) {
+        self.acts += other.acts;
+        self.invalid += other.invalid;
+        self.failures.add(other.failures);
+        self.timeouts += other.timeouts;
+        self.prompt_tokens = self.prompt_tokens.saturating_add(other.prompt_tokens);
+        self.completion_tokens = self.completion_tokens.saturating_add(other.completion_tokens);
+        self.usage.add(&other.usage);
     }
 
     /// Counts an act by its origin, validity, failure and usage.
@@ -32,7 +46,7 @@ impl Tally {
         source: Source,
         valid: bool,
         failure: Option<Failure>,
-        usage: Option<Usage>,
+        usage: Option<&Usage>,
     ) {
         match source {
             Source::Clock => self.timeouts += 1,
@@ -44,10 +58,11 @@ impl Tally {
                 }
             }
         }
-        let usage = usage.unwrap_or_default();
+        let usage = usage.copied().unwrap_or_default();
         // Players may report any number, so the sums saturate.
         let add = |sum: &mut u64, more: Option<u64>| *sum = sum.saturating_add(more.unwrap_or(0));
         add(&mut self.prompt_tokens, usage.prompt_tokens);
         add(&mut self.completion_tokens, usage.completion_tokens);
+        self.usage.count(&usage);
     }
 }

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 use swarmbench_protocol::act::ActRequest;
 
@@ -30,17 +31,17 @@ pub(crate) fn look(arguments: Map<String, Value>) -> Result<Duration, String> {
 /// Reads the arguments of `act`: the act, and the wait for the next round.
 pub(crate) fn act(arguments: Map<String, Value>) -> Result<(ActRequest, Duration), String> {
     let mut reader = Reader::new(arguments);
+    let round = reader.take("round", "a whole number, the round that `look` showed");
     let request = ActRequest {
-        round: reader.round(),
-        action: reader.text("action"),
-        message: reader.text("message"),
+        action: reader.take("action", "a text"),
+        message: reader.take("message", "a text"),
         // Models write an empty text for an argument that they leave out.
-        to: reader.text("to").filter(|to| !to.is_empty()),
+        to: reader.take("to", "a text").filter(|to: &String| !to.is_empty()),
+        round: round.unwrap_or_default(),
         ..ActRequest::default()
     };
-    if request.action.is_none() {
-        reader.miss("action");
-    }
+    reader.need("round", round.is_some());
+    reader.need("action", request.action.is_some());
     let wait = reader.wait(MCP_ACT_WAIT_S_DEFAULT);
     reader.finish((request, wait))
 }
@@ -50,56 +51,34 @@ impl Reader {
         Self { arguments, known: Vec::new(), problems: Vec::new() }
     }
 
-    /// Takes the value of an argument; null counts as left out.
-    fn take(&mut self, name: &'static str) -> Option<Value> {
+    /// Takes the value of an argument, unless another one was expected; null counts as left out.
+    fn take<T: DeserializeOwned>(&mut self, name: &'static str, expected: &str) -> Option<T> {
         self.known.push(name);
-        self.arguments.remove(name).filter(|value| !value.is_null())
-    }
-
-    fn refuse(&mut self, name: &str, expected: &str, value: &Value) {
-        let shown: String = value.to_string().chars().take(SHOWN_CHARS_MAX).collect();
-        self.problems.push(format!("{name} must be {expected}, is {shown}"));
+        let value = self.arguments.remove(name).filter(|value| !value.is_null())?;
+        let taken = T::deserialize(&value).ok();
+        if taken.is_none() {
+            let shown: String = value.to_string().chars().take(SHOWN_CHARS_MAX).collect();
+            self.problems.push(format!("{name} must be {expected}, is {shown}"));
+        }
+        taken
     }
 
     /// Records a missing argument, unless it was given and refused.
-    fn miss(&mut self, name: &str) {
+    fn need(&mut self, name: &str, is_taken: bool) {
         let start = format!("{name} ");
-        if !self.problems.iter().any(|problem| problem.starts_with(&start)) {
+        if !is_taken && !self.problems.iter().any(|problem| problem.starts_with(&start)) {
             self.problems.push(format!("{name} is missing"));
         }
     }
 
-    fn text(&mut self, name: &'static str) -> Option<String> {
-        match self.take(name)? {
-            Value::String(text) => Some(text),
-            other => {
-                self.refuse(name, "a text", &other);
-                None
-            }
-        }
-    }
-
-    fn round(&mut self) -> u32 {
-        let Some(value) = self.take("round") else {
-            self.miss("round");
-            return 0;
-        };
-        let round = value.as_u64().and_then(|round| u32::try_from(round).ok());
-        round.unwrap_or_else(|| {
-            self.refuse("round", "a whole number, the round that `look` showed", &value);
-            0
-        })
-    }
-
     fn wait(&mut self, usual: u32) -> Duration {
-        let most = f64::from(MCP_WAIT_S_MAX);
-        let Some(value) = self.take("wait_s") else { return Duration::from_secs(usual.into()) };
-        let seconds = value.as_f64().filter(|seconds| (0.0..=most).contains(seconds));
-        if seconds.is_none() {
-            let expected = format!("from 0 to {MCP_WAIT_S_MAX} seconds (mcp_wait_s_max)");
-            self.refuse("wait_s", &expected, &value);
+        let expected = format!("from 0 to {MCP_WAIT_S_MAX} seconds (mcp_wait_s_max)");
+        let seconds = self.take("wait_s", &expected).unwrap_or_else(|| f64::from(usual));
+        if !(0.0..=f64::from(MCP_WAIT_S_MAX)).contains(&seconds) {
+            self.problems.push(format!("wait_s must be {expected}, is {seconds:?}"));
+            return Duration::ZERO;
         }
-        seconds.map_or(Duration::ZERO, Duration::from_secs_f64)
+        Duration::from_secs_f64(seconds)
     }
 
     fn finish<T>(mut self, read: T) -> Result<T, String> {

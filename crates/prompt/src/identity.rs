@@ -4,13 +4,17 @@ use std::fmt;
 
 use swarmbench_protocol::suite::digest_of_template;
 
-use super::{REVISION, TOOLKIT};
+use super::{NAMED, REVISION};
 
 /// Characters of a digest in a [name](Identity).
 const SHOWN_CHARS: usize = 8;
 
+/// Maximum bytes of the name of a harness.
+const HARNESS_BYTES_MAX: usize = 100;
+
 /// The prompt of a player. Boards never put two different ones into one row. Its text is its name: `default`,
-/// `toolkit`, `custom:0123abcd`; a system message is part of it, as in `toolkit+system:0123abcd`.
+/// `toolkit`, `static-first`, `custom:0123abcd`; a system message is part of it, as in `toolkit+system:0123abcd`, and
+/// so is a harness, as in `default+harness:history=2`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
     /// The digest of the template; `None` for the built-in one.
@@ -19,6 +23,8 @@ pub struct Identity {
     pub revision: Option<u32>,
     /// The digest of the system message, if there is one.
     pub system: Option<String>,
+    /// The harness that an evaluation declares, such as `history=2,scratchpad=500`.
+    pub harness: Option<String>,
 }
 
 impl Identity {
@@ -32,15 +38,43 @@ impl Identity {
             template: template.map(digest_of_template),
             revision: is_revised.then_some(revision),
             system: system.map(digest_of_system),
+            harness: None,
         }
+    }
+
+    /// The identity with the harness that `agent_meta` declares: `eval` is its field of that name, in which `harness` is an object.
+    #[must_use]
+    pub fn with_harness(self, eval: Option<&str>) -> Self {
+        #[derive(serde::Deserialize)]
+        struct Eval {
+            #[serde(default)]
+            harness: Option<serde_json::Map<String, serde_json::Value>>,
+        }
+        let eval = eval.and_then(|eval| serde_json::from_str::<Eval>(eval).ok());
+        let harness = eval.and_then(|eval| eval.harness).filter(|harness| !harness.is_empty());
+        Self { harness: harness.as_ref().map(name_of_harness), ..self }
     }
 
     /// The identity that is declared before any game, with the current words.
     #[must_use]
     pub fn declared(template_digest: Option<String>, system: Option<&str>) -> Self {
         let system = system.map(digest_of_system);
-        Self { template: template_digest, revision: Some(REVISION), system }
+        Self { template: template_digest, revision: Some(REVISION), system, harness: None }
     }
+}
+
+/// The name of a harness: its fields, or a digest where they are long or could be taken for another part.
+fn name_of_harness(harness: &serde_json::Map<String, serde_json::Value>) -> String {
+    let part = |(name, value): (&String, &serde_json::Value)| match value.as_str() {
+        Some(text) => format!("{name}={text}"),
+        None => format!("{name}={value}"),
+    };
+    let name = harness.iter().map(part).collect::<Vec<_>>().join(",");
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_=,.-".contains(c);
+    if name.len() <= HARNESS_BYTES_MAX && name.chars().all(is_plain) {
+        return name;
+    }
+    digest_of_template(&serde_json::json!(harness).to_string()).chars().take(SHOWN_CHARS).collect()
 }
 
 fn digest_of_system(message: &str) -> String {
@@ -61,14 +95,17 @@ impl fmt::Display for Identity {
         match (&self.template, self.revision) {
             (None, Some(REVISION)) => f.write_str("default")?,
             (None, revision) => write!(f, "default:{}", revision.unwrap_or(1))?,
-            (Some(digest), _) if *digest == digest_of_template(TOOLKIT) => {
-                f.write_str("toolkit")?;
+            (Some(digest), _) => {
+                let mut named = NAMED.iter();
+                match named.find(|(_, text)| *digest == digest_of_template(text)) {
+                    Some((name, _)) => f.write_str(name)?,
+                    None => write!(f, "custom:{}", short(digest))?,
+                }
             }
-            (Some(digest), _) => write!(f, "custom:{}", short(digest))?,
         }
-        match &self.system {
-            Some(digest) => write!(f, "+system:{}", short(digest)),
-            None => Ok(()),
+        if let Some(digest) = &self.system {
+            write!(f, "+system:{}", short(digest))?;
         }
+        self.harness.as_ref().map_or(Ok(()), |harness| write!(f, "+harness:{harness}"))
     }
 }

@@ -31,16 +31,22 @@ pub const BUILT_IN: &str = include_str!("prompt.txt.j2");
 /// The template `toolkit`: the content of the public toolkit's prompt, in its order and form and in our own words.
 pub const TOOLKIT: &str = include_str!("toolkit.txt.j2");
 
+/// The template `static-first`: the words of the built-in one, with all that no agent and no round changes at the beginning, which
+/// caches of prompts share.
+pub const STATIC_FIRST: &str = include_str!("static_first.txt.j2");
+
+/// The names of templates beside `default`, and their texts.
+pub const NAMED: [(&str, &str); 2] = [("toolkit", TOOLKIT), ("static-first", STATIC_FIRST)];
+
 /// The revision of the program's own words: the built-in template, the descriptions of the tasks and the meanings of
 /// the actions. Any change of them is a new revision, since a model may play differently.
 pub const REVISION: u32 = 2;
 
-/// The text of a template given by its text or by its name, `toolkit`; `None` for the built-in one, which has the name
-/// `default`.
+/// The text of a template given by its text or by its [name](NAMED); `None` for the built-in one, which has the name `default`.
 #[must_use]
 pub fn chosen(asked: Option<String>) -> Option<String> {
-    asked.filter(|name| name != "default").map(|name| match name.as_str() {
-        "toolkit" => TOOLKIT.to_owned(),
-        _ => name,
+    asked.filter(|name| name != "default").map(|name| {
+        let named = NAMED.iter().find(|(known, _)| *known == name);
+        named.map_or(name, |(_, text)| (*text).to_owned())
     })
 }

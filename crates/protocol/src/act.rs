@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::failure::Failure;
 use super::observation::Observation;
 use super::problem::Problem;
+use super::replay::ShownAct;
 
 /// Defines an act: its own names, then the fields that all acts share.
 macro_rules! act {
@@ -34,6 +35,9 @@ macro_rules! act {
             /// `truncated`, `tool_call`, `reasoning_only` or `rejected`. With `response` only; recorded if the response is
             /// invalid.
             pub failure: Option<Failure>,
+            /// What the player's program added to the prompt, and keeps for the next one. With `response` only; no other seat
+            /// reads it.
+            pub harness: Option<Box<Harness>>,
         }
     };
 }
@@ -55,31 +59,35 @@ act! {
     }
 }
 
+/// An act with the fields that all acts share, and its own.
+macro_rules! shared {
+    ($act:ident, $name:ident { $($own:ident),* }) => {
+        $name {
+            $($own,)*
+            round: $act.round,
+            action: $act.action,
+            message: $act.message,
+            to: $act.to,
+            response: $act.response,
+            usage: $act.usage,
+            reasoning: $act.reasoning,
+            failure: $act.failure,
+            harness: $act.harness,
+        }
+    };
+}
+
 impl SwarmAct {
     /// Episode, agent, and the act as for a single seat.
     #[must_use]
     pub fn split(self) -> (String, String, ActRequest) {
-        let Self {
-            episode,
-            agent,
-            round,
-            action,
-            message,
-            to,
-            response,
-            usage,
-            reasoning,
-            failure,
-        } = self;
-        let act = ActRequest { round, action, message, to, response, usage, reasoning, failure };
-        (episode, agent, act)
+        (self.episode, self.agent, shared!(self, ActRequest {}))
     }
 
     /// Act of one seat among several.
     #[must_use]
     pub fn of(episode: String, agent: String, act: ActRequest) -> Self {
-        let ActRequest { round, action, message, to, response, usage, reasoning, failure } = act;
-        Self { episode, agent, round, action, message, to, response, usage, reasoning, failure }
+        shared!(act, SwarmAct { episode, agent })
     }
 }
 
@@ -104,6 +112,197 @@ pub struct Usage {
     pub completion_tokens: Option<u64>,
     /// Time that the answer took, in milliseconds.
     pub latency_ms: Option<u64>,
+    /// Time from the beginning of the request to the first token of a streamed answer, its reasoning included, in milliseconds.
+    pub first_token_ms: Option<u64>,
+    /// Tokens of the prompt that were read from a cache; part of `prompt_tokens`.
+    pub cached_tokens: Option<u64>,
+    /// Tokens of the prompt that were written into a cache; part of `prompt_tokens`.
+    pub cache_write_tokens: Option<u64>,
+    /// Tokens of reasoning; part of `completion_tokens`.
+    pub reasoning_tokens: Option<u64>,
+    /// Cost in billionths of a US dollar: as the endpoint reported it, or else by the client's prices.
+    pub cost_nano_usd: Option<u64>,
+}
+
+/// Sums over answers of what was reported beside the tokens of prompts and answers. Sums of 0 are left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(default)]
+pub struct UsageSums {
+    /// Tokens of prompts that were read from a cache.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub cached_tokens: u64,
+    /// Tokens of prompts that were written into a cache.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub cache_write_tokens: u64,
+    /// Tokens of reasoning.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub reasoning_tokens: u64,
+    /// Cost in billionths of a US dollar, of the answers whose cost is known.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub cost_nano_usd: u64,
+    /// Answers whose cost is known.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub priced: u64,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_zero(sum: &u64) -> bool {
+    *sum == 0
+}
+
+impl UsageSums {
+    /// Nothing was reported.
+    pub const NONE: Self = Self {
+        cached_tokens: 0,
+        cache_write_tokens: 0,
+        reasoning_tokens: 0,
+        cost_nano_usd: 0,
+        priced: 0,
+    };
+
+    /// Adds the usage of an answer. Players may report any number, so the sums saturate.
+    pub fn count(&mut self, usage: &Usage) {
+        self.add(&Self {
+            cached_tokens: usage.cached_tokens.unwrap_or(0),
+            cache_write_tokens: usage.cache_write_tokens.unwrap_or(0),
+            reasoning_tokens: usage.reasoning_tokens.unwrap_or(0),
+            cost_nano_usd: usage.cost_nano_usd.unwrap_or(0),
+            priced: u64::from(usage.cost_nano_usd.is_some()),
+        });
+    }
+
+    /// Adds the sums of other answers.
+    pub fn add(&mut self, more: &Self) {
+        for (sum, more) in [
+            (&mut self.cached_tokens, more.cached_tokens),
+            (&mut self.cache_write_tokens, more.cache_write_tokens),
+            (&mut self.reasoning_tokens, more.reasoning_tokens),
+            (&mut self.cost_nano_usd, more.cost_nano_usd),
+            (&mut self.priced, more.priced),
+        ] {
+            *sum = sum.saturating_add(more);
+        }
+    }
+
+    /// True if nothing was reported.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        *self == Self::NONE
+    }
+
+    /// Cost in US dollars; `None` if no cost is known. It is less than the whole where `priced` is less than the answers.
+    #[must_use]
+    #[expect(clippy::cast_precision_loss, reason = "dollars are rounded anyway")]
+    pub fn cost_usd(&self) -> Option<f64> {
+        (self.priced > 0).then(|| self.cost_nano_usd as f64 / 1e9)
+    }
+}
+
+/// What stood between a prompt of the server and a model: with the prompt, what the model was sent, and what is kept for its
+/// next question. Parts without content are left out.
+#[serde_with::skip_serializing_none]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Harness {
+    /// Earlier rounds whose prompts and answers of this seat came before the prompt, in ascending order; at most 20.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[cfg_attr(feature = "openapi", schema(max_items = 20))]
+    pub history: Vec<u32>,
+    /// Those of these rounds whose encrypted reasoning came with their answers, which is stored nowhere.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[cfg_attr(feature = "openapi", schema(max_items = 20))]
+    pub carried: Vec<u32>,
+    /// Text after the prompt, such as the notes of earlier rounds.
+    pub added: Option<String>,
+    /// Notes of the seat after the answer, for its next question.
+    pub scratchpad: Option<String>,
+    /// Invalid answers before the one of the act, in order; at most 8. The usage of the act counts them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[cfg_attr(feature = "openapi", schema(max_items = 8))]
+    pub tries: Vec<Try>,
+}
+
+/// Invalid answer of a model, and the reply to it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Try {
+    /// Answer of the model.
+    pub response: String,
+    /// What the model was told, with which it was asked again.
+    pub told: String,
+}
+
+impl Harness {
+    /// Maximum rounds in `history`, and in `carried`.
+    pub const ROUNDS_MAX: u8 = 20;
+
+    /// Maximum number of tries.
+    pub const TRIES_MAX: u8 = 8;
+
+    /// Maximum bytes of all texts together.
+    pub const BYTES_MAX: usize = 64 * 1024;
+
+    /// Texts, from the one that is missed least to the one that is missed most.
+    pub fn texts(&self) -> impl Iterator<Item = &str> {
+        let tries = self.tries.iter().flat_map(|one| [&one.response, &one.told]);
+        tries.chain(&self.added).chain(&self.scratchpad).map(String::as_str)
+    }
+
+    /// Leaves out the texts that are missed least, all but the notes; false if there are none.
+    pub fn shorten(&mut self) -> bool {
+        let has_texts = !self.tries.is_empty() || self.added.is_some();
+        (self.tries, self.added) = (Vec::new(), None);
+        has_texts
+    }
+
+    /// Fault of the contents for an act of `round`: the field and what is wrong.
+    #[must_use]
+    pub fn fault(&self, round: u32) -> Option<(&'static str, String)> {
+        let Self { history, carried, tries, .. } = self;
+        let bytes: usize = self.texts().map(str::len).sum();
+        let [rounds, most] = [Self::ROUNDS_MAX, Self::TRIES_MAX].map(usize::from);
+        let texts = Self::BYTES_MAX;
+        let is_past =
+            history.is_sorted_by(|a, b| a < b) && history.last().is_none_or(|last| *last < round);
+        let is_known = carried.is_sorted_by(|a, b| a < b)
+            && carried.iter().all(|round| history.contains(round));
+        if history.len() > rounds || !is_past {
+            let problem =
+                format!("must be at most {rounds} rounds before {round}, in ascending order");
+            Some(("harness.history", problem))
+        } else if !is_known {
+            Some(("harness.carried", "must be rounds of `history`, in ascending order".to_owned()))
+        } else if tries.len() > most {
+            Some(("harness.tries", format!("must be at most {most}, are {}", tries.len())))
+        } else {
+            let problem = format!("must have at most {texts} bytes of text, has {bytes}");
+            (bytes > texts).then_some(("harness", problem))
+        }
+    }
+}
+
+/// Earlier acts of a seat.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct SeatActs {
+    /// Acts of the newest resolved rounds in which the seat acted, in ascending order of rounds.
+    pub acts: Vec<SeatAct>,
+}
+
+/// Earlier act of a seat.
+#[serde_with::skip_serializing_none]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct SeatAct {
+    /// Round of the act.
+    pub round: u32,
+    /// Text for a language model in that round; only if requested.
+    pub prompt: Option<String>,
+    /// Act as it was recorded.
+    pub act: ShownAct,
 }
 
 /// Receipt of a durable act.

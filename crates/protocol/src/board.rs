@@ -4,8 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
+use super::act::UsageSums;
 use super::failure::Failures;
 use super::metrics::MetricsMethod;
+use super::run::RunHolder;
 use super::table::{Table, maybe, names, text};
 use crate::time::Timestamp;
 
@@ -66,25 +68,32 @@ pub struct BoardRow {
     pub temperature: Option<f64>,
     /// Nucleus of sampling (top-p), as declared.
     pub top_p: Option<f64>,
+    /// Further sampling, as an evaluation declares it in `agent_meta.eval`: limits of tokens, effort and budget of the reasoning,
+    /// and fields of `extra` such as `top_k`. Null without any.
+    #[serde(default)]
+    pub sampling: Option<String>,
     /// First 12 hexadecimal digits of SHA-256 of the prompt template; null for the built-in template.
     pub prompt_template: Option<String>,
-    /// Name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`; `default:1` for the
+    /// Name of the prompt: `default`, `toolkit`, `static-first` or `custom:` and the first digits of `prompt_template`; `default:1` for the
     /// words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256. Null for built-in
     /// players and people, who read no prompt, and for rows of the paper and of files.
     #[serde(default)]
     pub prompt: Option<String>,
-    /// Reader of answers: `last-marker` or `first-marker`; null for rows of the paper and of files.
+    /// Reader of answers: `last-marker`, `first-marker` or `json`; null for rows of the paper and of files.
     #[serde(default)]
     pub answer_reader: Option<String>,
     /// Whether the model is vouched for; false if only its owner declares it. Null for rows of the paper.
     pub vouched: Option<bool>,
-    /// `declared` if one holder had all seats, and so could pool what they saw; `enforced` if that was impossible; null under
-    /// centralized control, and for rows of the paper.
+    /// `declared` if one holder had all seats, and so could pool what they saw; `enforced` if each holder's token read its own
+    /// seats alone, or the server played; null under centralized control, and for rows of the paper.
     pub decentralization: Option<String>,
-    /// `human` if the owner declares that people played, by `agent_meta.kind`, and for the people of the paper; null for other
-    /// rows.
+    /// `human` if the owner declares that people played, by `agent_meta.kind`, and for the people of the paper; `team` if the
+    /// seats belong to several holders; null for other rows.
     #[serde(default)]
     pub kind: Option<String>,
+    /// Holders of a team, whose name is `model`; left out in other rows.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub holders: Vec<RunHolder>,
     /// Number of runs of the player on this board.
     pub runs: Option<u32>,
     /// Id of the run that is shown; with `mean`, of the last run.
@@ -122,6 +131,22 @@ pub struct BoardRow {
     pub clock_out_share: Option<f64>,
     /// Number of voided games, which do not count.
     pub voided: Option<u32>,
+    /// Tokens of prompts in all games of the row, as players reported them; left out if they reported none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prompt_tokens: Option<u64>,
+    /// Tokens of answers in all games of the row, as players reported them; left out if they reported none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub completion_tokens: Option<u64>,
+    /// What else players reported in all games of the row. Left out if nothing was.
+    #[serde(default, skip_serializing_if = "UsageSums::is_empty")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub usage: UsageSums,
+    /// Mean cost of a game in US dollars; left out if no cost is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cost_usd: Option<f64>,
+    /// True if the cost of every answer is known: else `cost_usd` is less than the whole. Left out without a cost.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub costs_are_whole: Option<bool>,
     /// Requested metrics by task: means over the games of the run that is named in `run`. Null if no game has a value, or none
     /// was measured yet; empty for rows without a run.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -160,6 +185,10 @@ pub struct RowDifference {
     pub pairs: u32,
 }
 
+/// Last columns of a board before its metrics.
+const SPENT: &str = "sampling prompt_tokens completion_tokens cached_tokens cache_write_tokens reasoning_tokens cost_usd \
+     costs_are_whole holders";
+
 impl Table for Leaderboard {
     type Row = BoardRow;
 
@@ -188,7 +217,7 @@ impl Table for Leaderboard {
             self.metrics.iter().map(move |metric| format!("{}_{metric}", task.to_lowercase()))
         });
         let columns = columns.chain(self.tasks.iter().flat_map(task)).chain(last);
-        columns.chain(Failures::columns()).chain(metrics).collect()
+        columns.chain(Failures::columns()).chain(names(SPENT)).chain(metrics).collect()
     }
 
     fn record(&self, _: &[String], row: &BoardRow) -> Vec<String> {
@@ -243,6 +272,13 @@ impl Table for Leaderboard {
         // Rows whose answers were not counted have empty cells instead of zeros.
         let is_known = row.invalid_share.is_some();
         cells.extend(row.failures.cells().map(|cell| if is_known { cell } else { String::new() }));
+        cells.push(maybe(row.sampling.as_deref().map(text)));
+        let (usage, is_metered) = (&row.usage, row.prompt_tokens.is_some());
+        cells.extend([maybe(row.prompt_tokens), maybe(row.completion_tokens)]);
+        let parts = [usage.cached_tokens, usage.cache_write_tokens, usage.reasoning_tokens];
+        cells.extend(parts.map(|part| maybe(is_metered.then_some(part))));
+        cells.extend([maybe(row.cost_usd), maybe(row.costs_are_whole)]);
+        cells.push(row.holders.iter().map(RunHolder::in_short).collect::<Vec<_>>().join("; "));
         for task in &self.tasks {
             let of = row.metrics.get(task);
             cells.extend(

@@ -528,7 +528,7 @@ pub struct EntrantSummary {
     pub top_p: Option<f64>,
     /// Digest of the prompt template; null for the built-in template.
     pub prompt_template: Option<String>,
-    /// Name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`. A declared system
+    /// Name of the prompt: `default`, `toolkit`, `static-first` or `custom:` and the first digits of `prompt_template`. A declared system
     /// message (`system_message` in `agent_meta`) adds `+system:` and the first digits of its SHA-256. `none` for built-in players
     /// and people, who read no prompts.
     #[serde(default)]

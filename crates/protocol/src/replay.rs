@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::act::Usage;
+use crate::act::{Harness, Usage};
 use crate::failure::Failure;
 use crate::observation::Sight;
 use crate::time::Timestamp;
@@ -266,6 +266,8 @@ pub struct ShownAct {
     pub reasoning: Option<String>,
     /// Cost of the answer.
     pub usage: Option<Usage>,
+    /// What the player's program added to the prompt, and kept.
+    pub harness: Option<Box<Harness>>,
     /// Milliseconds of the seat's bank that the act used.
     pub bank_spent_ms: Option<u64>,
     /// Time at which the act was taken.

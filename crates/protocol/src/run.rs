@@ -5,6 +5,7 @@ use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::Seconds;
+use super::act::UsageSums;
 use super::failure::Failures;
 use super::problem::Limit;
 use super::suite::Suite;
@@ -57,6 +58,97 @@ pub struct RunRequest {
     pub visibility: Option<String>,
     /// Built-in player with which the server plays all seats; `default` is each task's own player. Such a run has no token.
     pub player: Option<String>,
+    /// Holders of a team: each plays its own seats of every game, with a token of its own; 1 to 64. Then `model` is the name of
+    /// the team, and `player`, `temperature` and `top_p` are left out.
+    pub holders: Option<Vec<HolderRequest>>,
+}
+
+/// Holder of a team, who plays some seats of every game of a run. Every seat has one holder.
+#[serde_with::skip_serializing_none]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(example = json!({"model": "my-model", "seats": [0, 1, 2]})))]
+pub struct HolderRequest {
+    /// Name within the team; that of the model by default. No two holders have the same.
+    pub name: Option<String>,
+    /// Numbers of its agents.
+    pub seats: Vec<i64>,
+    /// Name of the model that plays; at most 200 characters.
+    pub model: Option<String>,
+    /// Built-in player with which the server plays these seats; `default` is each task's own. Such a holder has no token.
+    pub player: Option<String>,
+    /// Sampling temperature.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 10))]
+    pub temperature: Option<f64>,
+    /// Nucleus of sampling (top-p).
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
+    pub top_p: Option<f64>,
+    /// Further facts about the player; at most 16 KiB of JSON, and 64 KiB of all holders together.
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<serde_json::Map<String, serde_json::Value>>))]
+    pub agent_meta: Option<Carried>,
+}
+
+/// Holder of a team, as it was declared.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct RunHolder {
+    /// Name within the team.
+    pub name: String,
+    /// Name of the model that plays.
+    pub model: String,
+    /// Numbers of its agents, in order.
+    pub seats: Vec<u16>,
+    /// Built-in player with which the server plays these seats.
+    pub player: Option<String>,
+    /// Sampling temperature.
+    pub temperature: Option<f64>,
+    /// Nucleus of sampling (top-p).
+    pub top_p: Option<f64>,
+    /// Further sampling, as of a run; null without any.
+    #[serde(default)]
+    pub sampling: Option<String>,
+    /// Name of the prompt, with its harness, as of a run; null for players that read none.
+    pub prompt: Option<String>,
+    /// Further facts about the player; left out on boards, and before the end of the run for other holders.
+    #[serde(default, skip_serializing_if = "Carried::is_empty")]
+    #[cfg_attr(feature = "openapi", schema(value_type = serde_json::Map<String, serde_json::Value>))]
+    pub agent_meta: Carried,
+}
+
+impl RunHolder {
+    /// The `agent_meta` of the holder's seats: the declared sampling and further declarations.
+    #[must_use]
+    pub fn agent_meta_of_seats(&self) -> Carried {
+        self.agent_meta.with(&[("temperature", self.temperature), ("top_p", self.top_p)])
+    }
+
+    /// Seats, model and what else tells it from another in a line, such as `0–8 my-model (effort low)`.
+    #[must_use]
+    pub fn in_short(&self) -> String {
+        let mut ranges: Vec<(u16, u16)> = Vec::new();
+        for &seat in &self.seats {
+            match ranges.last_mut() {
+                Some((_, last)) if *last + 1 == seat => *last = seat,
+                _ => ranges.push((seat, seat)),
+            }
+        }
+        let range = |(first, last): &(u16, u16)| {
+            if first == last { first.to_string() } else { format!("{first}–{last}") }
+        };
+        let seats: Vec<String> = ranges.iter().map(range).collect();
+        let further = [
+            self.temperature.map(|temperature| format!("T {temperature}")),
+            self.top_p.map(|top_p| format!("top_p {top_p}")),
+            self.sampling.clone(),
+            self.prompt
+                .clone()
+                .filter(|name| name != "default")
+                .map(|name| format!("prompt {name}")),
+        ];
+        let further: Vec<String> = further.into_iter().flatten().collect();
+        let who = format!("{} {}", seats.join(","), self.model);
+        if further.is_empty() { who } else { format!("{who} ({})", further.join(", ")) }
+    }
 }
 
 /// Suite of a run.
@@ -217,18 +309,24 @@ pub struct RunSummary {
     pub temperature: Option<f64>,
     /// Nucleus of sampling (top-p).
     pub top_p: Option<f64>,
+    /// Further sampling, as an evaluation declares it in `agent_meta.eval`; null without any.
+    #[serde(default)]
+    pub sampling: Option<String>,
     /// Further facts about the player.
     #[cfg_attr(feature = "openapi", schema(value_type = serde_json::Map<String, serde_json::Value>))]
     pub agent_meta: Carried,
     /// Digest of the prompt template; null for the built-in template.
     pub template_digest: Option<String>,
-    /// Name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `template_digest`; `default:1` for the
+    /// Name of the prompt: `default`, `toolkit`, `static-first` or `custom:` and the first digits of `template_digest`; `default:1` for the
     /// words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256. `none` for built-in
     /// players and people, who read no prompts.
     #[serde(default)]
     pub prompt: String,
     /// Built-in player with which the server plays all seats.
     pub player: Option<String>,
+    /// Holders of a team; left out where one player has all seats.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub holders: Vec<RunHolder>,
     /// Number of games that are open at a time.
     pub parallel: u32,
     /// Visibility: `public`, `owner` or `sealed`.
@@ -310,6 +408,10 @@ pub struct ActTally {
     pub prompt_tokens: u64,
     /// Tokens of answers, as reported by players.
     pub completion_tokens: u64,
+    /// What else players reported: tokens of caches and of reasoning, and the cost. Left out if nothing was.
+    #[serde(default, skip_serializing_if = "UsageSums::is_empty")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub usage: UsageSums,
 }
 
 /// Run with its games.
@@ -356,8 +458,21 @@ pub struct CreatedRun {
     /// The run.
     #[serde(flatten)]
     pub run: RunDetail,
-    /// Token for all seats of all games, shown only once; null if the server itself plays.
+    /// Token for all seats of all games, shown only once; null if the server itself plays, and in a team.
     pub swarm_token: Option<String>,
+    /// Tokens of a team's holders, shown only once; none for holders that the server plays.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub holder_tokens: Vec<HolderToken>,
+}
+
+/// Token of a holder of a team.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct HolderToken {
+    /// Name of the holder within its team.
+    pub holder: String,
+    /// Token for the holder's seats of all games.
+    pub swarm_token: String,
 }
 
 /// New token of a run.
@@ -366,7 +481,10 @@ pub struct CreatedRun {
 pub struct RunToken {
     /// Id of the run.
     pub id: String,
-    /// Token for all seats of all games, shown only once. The earlier token is revoked.
+    /// Name of the holder in the run's team; left out where one player has all seats.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holder: Option<String>,
+    /// Token for all seats of all games, or for those of the holder, shown only once. The earlier token is revoked.
     pub swarm_token: String,
 }
 

@@ -56,7 +56,7 @@ macro_rules! game_settings {
                 )*
                 $($inner)*
             )*
-            /// Reader of language models' answers: `last-marker` or `first-marker`.
+            /// Reader of language models' answers: `last-marker`, `first-marker` or `json`.
             #[cfg_attr(feature = "openapi", schema(default = "last-marker"))]
             pub answer_reader: Option<String>,
             $($after)*
@@ -153,7 +153,7 @@ macro_rules! game_settings {
                 $($(#[$setting_meta])* pub $setting: $type,)*
                 $($inner)*
             )*
-            /// Reader of language models' answers, `last-marker` or `first-marker`; left out if it is `last-marker`.
+            /// Reader of language models' answers, `last-marker`, `first-marker` or `json`; left out if it is `last-marker`.
             #[serde(
                 default = "swarmbench_engine::AnswerReader::usual",
                 skip_serializing_if = "swarmbench_engine::AnswerReader::is_usual"

@@ -63,7 +63,8 @@ pub fn shown_act(record: ActRecord, at: Option<Timestamp>) -> ShownAct {
         failure: record.failure,
         response: record.response,
         reasoning: record.reasoning,
-        usage: record.usage,
+        usage: record.usage.map(|usage| *usage),
+        harness: record.harness,
         bank_spent_ms: Some(record.bank_spent_ms).filter(|&spent| spent > 0),
         at,
     }

@@ -57,7 +57,8 @@ pub(super) enum Value {
 #[derive(Default)]
 pub(super) struct Games {
     columns: BTreeMap<String, Vec<Value>>,
-    /// Columns that tell how a player was asked: keys of `agent_meta`, and the template of prompts.
+    /// Columns that tell how a player was asked: keys of `agent_meta`, the template of prompts, and the holders
+    /// of a team.
     of_players: BTreeSet<String>,
     episodes: BTreeSet<String>,
     len: usize,
@@ -108,7 +109,8 @@ impl Games {
             if name == "prompt" || name == "answer_reader" {
                 self.of_players.insert(name.clone());
             }
-            if name == "prompt_template" {
+            // Long texts are told apart by their digests.
+            if name == "prompt_template" || name == "team_holders" {
                 self.of_players.insert(name.clone());
                 let digest = value.as_str().map(|text| HEXLOWER.encode(&Sha256::digest(text)[..4]));
                 self.set(name, &digest.into())?;

@@ -558,7 +558,7 @@ impl Actor {
         let source = decision.source;
         let bytes = record.as_str().len() as u64;
         self.bytes += bytes;
-        self.tally.count(source, decision.valid, decision.failure, decision.usage);
+        self.tally.count(source, decision.valid, decision.failure, decision.usage.as_deref());
         self.host.quotas.add_bytes(self.episode.key, bytes, at);
         let at = self.stamp(at);
         let (episode, round) = (self.episode.key, self.world.round());

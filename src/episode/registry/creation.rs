@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
 use jiff::Timestamp;
-use swarmbench_engine::World;
+use swarmbench_engine::{AgentId, World};
 use tokio::sync::OnceCell;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
@@ -24,7 +24,7 @@ use crate::fair::{Party, Rank};
 use crate::ids::{EpisodeId, EpisodeKey, Place, RunKey};
 use crate::keys::OwnerKey;
 use crate::store::entries::{
-    ActRow, ClaimRow, Entry, Holder, OpeningRow, RoundRow, SeatingRow, TokenRow,
+    ActRow, ClaimRow, Entry, Held, Holder, OpeningRow, RoundRow, SeatingRow, TokenRow,
 };
 use crate::store::{Stopped, StoreError};
 use crate::telemetry::detached_by;
@@ -33,6 +33,7 @@ use swarmbench_boards::run::is_human;
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::RawRecord;
+use swarmbench_protocol::carried::Carried;
 
 /// Rows of forks in one commit: it bounds the time for which acts of other episodes wait.
 pub const FORK_PIECE_ROWS_MAX: usize = 4096;
@@ -46,6 +47,8 @@ pub struct Creation {
     /// Run of the episode, and its game in the run's plan.
     pub run: Option<(RunKey, u32)>,
     pub spec: Spec,
+    /// What each holder of a team declares further.
+    pub holder_metas: Vec<Carried>,
     pub tokens: Vec<TokenRow>,
     /// Idempotency key, and hash of the body.
     pub idempotency: Option<(String, [u8; 32])>,
@@ -240,7 +243,8 @@ impl Registry {
         past: &Arc<Past>,
         room: Reservation,
     ) -> Result<Prepared, CreateError> {
-        let Creation { id, party, purpose: _, run, spec, tokens, idempotency } = creation;
+        let Creation { id, party, purpose: _, run, spec, holder_metas, tokens, idempotency } =
+            creation;
         let (now, running) = (self.host.clock.wall(), self.host.clock.now());
         if let Some(closes_at) = spec.closes_at.filter(|at| *at <= now) {
             return Err(CreateError::Closed(closes_at));
@@ -251,7 +255,7 @@ impl Registry {
         let heads = self.heads(opened, past, party).await?;
         let mut head = heads.last().copied().unwrap_or(opened);
         let waiting = spec.begins_waiting();
-        let (seating, claim) = self.seat(key, owner, &spec, now).await?;
+        let (seating, claims) = self.seat(key, owner, (&spec, holder_metas), now).await?;
         let row = OpeningRow {
             episode: key,
             id: id.clone(),
@@ -264,7 +268,7 @@ impl Registry {
             model: spec.model.clone(),
             visibility: spec.visibility.name(),
             waiting,
-            has_open_seats: !spec.open_seats.is_empty(),
+            is_mixed: spec.is_mixed(),
             has_people: is_human(&spec.agent_meta),
             own_games: spec.own_games,
             clocked: spec.advances_by_itself(),
@@ -273,7 +277,7 @@ impl Registry {
             tokens,
         };
         let mut entries: Vec<Entry> =
-            [Entry::Open(Box::new(row))].into_iter().chain(claim).collect();
+            [Entry::Open(Box::new(row))].into_iter().chain(claims).collect();
         if let Some(seating) = seating.as_ref().filter(|_| !waiting) {
             let record;
             (record, head) = seated(seating, head);
@@ -406,16 +410,16 @@ impl Registry {
         Starting { handle: Arc::clone(&slot.handle), _starting: starting.drop_guard() }
     }
 
-    /// Seating of a new episode, and the entry for its creator.
+    /// Seating of a new episode, and the entries for its creator and its team.
     async fn seat(
         &self,
         episode: EpisodeKey,
         owner: Option<OwnerKey>,
-        spec: &Spec,
+        (spec, metas): (&Spec, Vec<Carried>),
         now: Timestamp,
-    ) -> Result<(Option<Seating>, Option<Entry>), StoreError> {
+    ) -> Result<(Option<Seating>, Vec<Entry>), StoreError> {
         if !spec.is_seated() {
-            return Ok((None, None));
+            return Ok((None, Vec::new()));
         }
         let key = match owner {
             Some(owner) => self.host.journal.key_id(owner).await?,
@@ -431,15 +435,30 @@ impl Registry {
             at: now,
         };
         let own = spec.agents().filter(|agent| !spec.open_seats.contains(agent));
-        let agents = if spec.is_mixed() { own.collect() } else { Vec::new() };
-        let seating = Seating::new(
-            spec,
-            self.host.clock.running_at(now),
-            vec![(holder.clone(), agents.clone())],
-        );
-        let tokens = Vec::new();
-        let row = ClaimRow { episode, holder, agents, tokens, idempotency: None };
-        Ok((seating, Some(Entry::Claim(Box::new(row)))))
+        let has_rows = !spec.open_seats.is_empty();
+        let agents = if has_rows { own.collect() } else { Vec::new() };
+        let team = (1..).zip(&spec.holders).zip(metas).map(|((number, declared), agent_meta)| {
+            // Nobody answers for a player of the server.
+            let is_hosted = declared.player.is_some();
+            let held = Holder {
+                number,
+                owner: owner.filter(|_| !is_hosted),
+                key: holder.key.clone().filter(|_| !is_hosted),
+                model: declared.model.clone(),
+                agent_meta,
+                player: declared.player.clone(),
+                at: now,
+            };
+            (held, declared.seats.iter().map(|&agent| AgentId(agent)).collect())
+        });
+        let held: Vec<Held> = team.collect();
+        let held: Vec<Held> = [(holder, agents)].into_iter().chain(held).collect();
+        let seating = Seating::new(spec, self.host.clock.running_at(now), held.clone());
+        let claim = |(holder, agents)| {
+            let tokens = Vec::new();
+            Entry::Claim(Box::new(ClaimRow { episode, holder, agents, tokens, idempotency: None }))
+        };
+        Ok((seating, held.into_iter().map(claim).collect()))
     }
 }
 

@@ -3,6 +3,7 @@
 use axum::Json as JsonBody;
 use serde_json::json;
 
+use super::super::checks::checked_reason;
 use super::super::prelude::*;
 use super::{check_open, shown};
 use crate::run::RunStatus;
@@ -33,9 +34,7 @@ pub(in super::super) async fn cancel_competition(
     _: Params<Nothing>,
     Json(CancelRequest { reason }, _): Json<CancelRequest>,
 ) -> Result<JsonBody<Competition>, ApiError> {
-    let mut problems = Problems::default();
-    problems.text("reason", &reason, app.limits.reason_chars_max);
-    let reason = problems.none_or(Some(reason))?;
+    let reason = checked_reason(&app, reason)?;
     detached(async move {
         let cancelled = {
             // The lock waits for attempts that are being started, and blocks further ones.

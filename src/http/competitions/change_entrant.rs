@@ -34,7 +34,7 @@ pub(in super::super) async fn change_entrant(
     State(app): State<App>,
     caller: Caller,
     credential: Credential,
-    Ids(id, entrant): Ids,
+    Id((id, entrant)): Id<(String, String)>,
     _: Params<Nothing>,
     Json(change, _): Json<EntrantChange>,
 ) -> Result<axum::Json<EntrantSummary>, ApiError> {
@@ -155,7 +155,7 @@ pub(in super::super) async fn erase_entrant(
     State(app): State<App>,
     caller: Caller,
     credential: Credential,
-    Ids(id, entrant): Ids,
+    Id((id, entrant)): Id<(String, String)>,
     _: Params<Nothing>,
 ) -> Result<axum::Json<EntrantSummary>, ApiError> {
     detached(async move {

@@ -78,7 +78,7 @@ pub(in super::super) async fn list_entrants(
 pub(in super::super) async fn show_entrant(
     State(app): State<App>,
     caller: Caller,
-    Ids(id, entrant): Ids,
+    Id((id, entrant)): Id<(String, String)>,
     _: Params<Nothing>,
 ) -> Result<Json<EntrantDetail>, ApiError> {
     let key = caller.needs_key()?;

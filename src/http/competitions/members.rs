@@ -6,7 +6,6 @@ use serde_json::json;
 
 use super::super::answer::with_tokens;
 use super::super::auth::Credential;
-use super::super::extract::ThreeIds;
 use super::super::prelude::*;
 use super::start::check_active;
 use super::{check_not_erased, check_not_over};
@@ -30,7 +29,7 @@ use swarmbench_protocol::names::is_look_alike;
 pub(in super::super) async fn list_members(
     State(app): State<App>,
     caller: Caller,
-    Ids(id, entrant): Ids,
+    Id((id, entrant)): Id<(String, String)>,
     _: Params<Nothing>,
 ) -> Result<JsonBody<MemberList>, ApiError> {
     let key = caller.needs_key()?;
@@ -63,7 +62,7 @@ pub(in super::super) async fn add_member(
     State(app): State<App>,
     caller: Caller,
     credential: Credential,
-    Ids(id, entrant): Ids,
+    Id((id, entrant)): Id<(String, String)>,
     _: Params<Nothing>,
     Json(MemberRequest { name }, _): Json<MemberRequest>,
 ) -> Result<Response, ApiError> {
@@ -133,7 +132,7 @@ pub(in super::super) async fn remove_member(
     State(app): State<App>,
     caller: Caller,
     credential: Credential,
-    ThreeIds(id, entrant, member): ThreeIds,
+    Id((id, entrant, member)): Id<(String, String, String)>,
     _: Params<Nothing>,
 ) -> Result<JsonBody<MemberSummary>, ApiError> {
     // A detached task removes the revoked key from the cache, even if the client hangs up.

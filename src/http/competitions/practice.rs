@@ -10,6 +10,7 @@ use super::super::answer;
 use super::super::auth::Credential;
 use super::super::checks::random_seed;
 use super::super::prelude::*;
+use super::super::runs::token::only_token;
 use super::check_open;
 use super::start::{check_active, entrant};
 use crate::competitions::StoredCompetition;
@@ -89,9 +90,9 @@ pub(in super::super) async fn start_practice(
             competition.definition.practice(&competition.id, declaration, tasks, seeds);
         let games = definition.suite.plan().len();
         let new = NewRun { credential, ..NewRun::by(party, Purpose::Usual, definition) };
-        let (run, token) = app.runs.create(new).await?;
+        let (run, tokens) = app.runs.create(new).await?;
         app.check_not_excluded(&competition, &found, run.run).await?;
-        let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;
+        let token = only_token(tokens)?;
         let body = StartedPractice {
             entrant: found.entrant.id,
             run: run.id,

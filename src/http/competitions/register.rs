@@ -50,7 +50,7 @@ pub(in super::super) async fn register_entrant(
     let own_key = match &caller {
         Caller::Key(key) => Some(key.clone()),
         Caller::Anonymous { .. } => None,
-        Caller::Seat(..) | Caller::Swarm(..) | Caller::Run(_) => {
+        Caller::Seat(..) | Caller::Swarm(..) | Caller::Run(..) => {
             let detail =
                 "a token of an episode cannot enter a competition; send a key, or no token";
             return Err(ApiError::new(Code::Forbidden, detail));
@@ -79,13 +79,7 @@ fn check(request: &EntrantRequest, app: &App) -> Result<String, ApiError> {
     let mut problems = Problems::default();
     let name = App::entrant_name(&mut problems, &request.name);
     problems.model(&app.limits, &request.model);
-    for (field, value, most) in
-        [("temperature", request.temperature, 10.0), ("top_p", request.top_p, 1.0)]
-    {
-        if value.is_some_and(|value| !(0.0..=most).contains(&value)) {
-            problems.refuse(field, format!("must be from 0 to {most}"));
-        }
-    }
+    problems.sampling(request.temperature, request.top_p);
     if let Some(meta) = &request.agent_meta {
         problems.agent_meta(&app.limits, meta);
     }

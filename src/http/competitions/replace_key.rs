@@ -29,7 +29,7 @@ use swarmbench_protocol::competition::ReplacedKey;
 pub(in super::super) async fn replace_entrant_key(
     State(app): State<App>,
     organizer: Organizer,
-    Ids(id, entrant): Ids,
+    Id((id, entrant)): Id<(String, String)>,
     _: Params<Nothing>,
 ) -> Result<Response, ApiError> {
     detached(async move {

@@ -8,6 +8,7 @@ use super::super::answer;
 use super::super::auth::Credential;
 use super::super::idempotency::{Idempotency, created_before, idempotency};
 use super::super::prelude::*;
+use super::super::runs::token::only_token;
 use super::check_not_over;
 use crate::competitions::{self, StoredCompetition, StoredEntrant};
 use crate::episode::quota::Purpose;
@@ -93,7 +94,7 @@ async fn replace_token(
     }
     let number = run.attempt.map_or(0, |(_, number)| number);
     let before = Started { number, replays: run.replays, voided: false, at: run.created_at };
-    let token = app.new_run_token(run.run, credential, None).await?;
+    let token = only_token(app.new_run_tokens(run.run, vec![None], credential, None).await?)?;
     started(competition, entrant, before, run.id, &token)
 }
 
@@ -173,9 +174,9 @@ async fn start(
     let purpose = Purpose::Usual;
     let party = Party::entrant(competition.key, entrant.owner);
     let new = NewRun { party, purpose, definition, attempt, replays, idempotency, credential };
-    let (run, token) = app.runs.create(new).await?;
+    let (run, tokens) = app.runs.create(new).await?;
     app.check_not_excluded(competition, entrant, run.run).await?;
-    let token = token.ok_or_else(|| ApiError::new(Code::Internal, "the run has no token"))?;
+    let token = only_token(tokens)?;
     started(competition, entrant, chosen, run.id, &token)
 }
 

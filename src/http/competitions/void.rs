@@ -2,6 +2,7 @@
 
 use serde_json::json;
 
+use super::super::checks::checked_reason;
 use super::super::prelude::*;
 use crate::competitions;
 use crate::competitions::field::Field;
@@ -32,13 +33,11 @@ use swarmbench_protocol::episode::VoidRequest;
 pub(in super::super) async fn void_attempt(
     State(app): State<App>,
     organizer: Organizer,
-    Ids(id, run): Ids,
+    Id((id, run)): Id<(String, String)>,
     _: Params<Nothing>,
     Json(VoidRequest { reason }, _): Json<VoidRequest>,
 ) -> Result<axum::Json<VoidedAttempt>, ApiError> {
-    let mut problems = Problems::default();
-    problems.text("reason", &reason, app.limits.reason_chars_max);
-    let reason = problems.none_or(Some(reason))?;
+    let reason = checked_reason(&app, reason)?;
     detached(async move {
         let competition = app.stored_competition(&id).await?;
         let _lock = app.creations.lock(&format!("void {run}")).await;

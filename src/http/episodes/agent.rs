@@ -13,7 +13,8 @@ use crate::episode::Status;
 use crate::episode::actor::Handle;
 use crate::store::port::EpisodeStore;
 use crate::store::records::TimedAct;
-use swarmbench_prompt::tasks;
+use swarmbench_prompt::{TemplateError, tasks};
+use swarmbench_protocol::episode::EpisodeResult;
 use swarmbench_protocol::observation::Sight;
 use swarmbench_protocol::replay::{AgentRound, InboxMessage};
 use swarmbench_replay::{agent_round, inbox, shown_act};
@@ -73,18 +74,30 @@ pub(in super::super) async fn show_agent_round(
     } else {
         None
     };
-    let (id, description) = (handle.id.to_string(), tasks::description(&handle.spec.config));
-    let write = move || {
-        let sight = Sight::of(&world.observe(agent), id, description, status, result);
-        let spec = &handle.spec;
-        let prompt = swarmbench_prompt::render(&spec.prompt_template, &sight, &spec.config);
-        (sight, prompt.map_err(|problem| problem.to_string()))
-    };
-    let (sight, prompt) = app.heavy.render(write).await?;
+    let (sight, prompt) = app.sight(&handle, world, agent, (status, result)).await?;
+    let prompt = prompt.map_err(|problem| problem.to_string());
     Ok(Json(agent_round(sight, inbox, Some(prompt), act)))
 }
 
 impl App {
+    /// What an agent sees of a state, and the text of it for a language model.
+    pub(in super::super) async fn sight(
+        &self,
+        handle: &Handle,
+        world: Arc<World>,
+        agent: AgentId,
+        (status, result): (Status, Option<EpisodeResult>),
+    ) -> Result<(Sight, Result<String, TemplateError>), ApiError> {
+        let (id, spec) = (handle.id.to_string(), Arc::clone(&handle.spec));
+        let write = move || {
+            let description = tasks::description(&spec.config);
+            let sight = Sight::of(&world.observe(agent), id, description, status, result);
+            let prompt = swarmbench_prompt::render(&spec.prompt_template, &sight, &spec.config);
+            (sight, prompt)
+        };
+        self.heavy.render(write).await
+    }
+
     /// The messages that an agent reads with a state.
     async fn inbox(
         &self,

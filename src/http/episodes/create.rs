@@ -76,7 +76,16 @@ async fn new_episode(
     let id = EpisodeId::new(app.clock.wall(), &*app.entropy);
     let tokens = Tokens::new(app, &spec);
     let rows = tokens.rows();
-    let creation = Creation { id, party, purpose, run: None, spec, tokens: rows, idempotency };
+    let creation = Creation {
+        id,
+        party,
+        purpose,
+        run: None,
+        spec,
+        holder_metas: Vec::new(),
+        tokens: rows,
+        idempotency,
+    };
     // Before they can be replaced.
     let revocations = app.tokens.revocations();
     let handle = app.registry.create(creation).await?;

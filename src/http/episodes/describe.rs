@@ -115,5 +115,6 @@ pub(super) fn spec(
         fill_after,
         fill_with,
         player,
+        holders: Vec::new(),
     })
 }

@@ -238,6 +238,7 @@ impl Plan {
             purpose,
             run: None,
             spec: self.spec.clone(),
+            holder_metas: Vec::new(),
             tokens: tokens.rows(),
             // The first one is found by it, and the others follow.
             idempotency: idempotency.take(),

@@ -11,6 +11,7 @@ pub(super) mod journal;
 pub(super) mod list;
 pub(super) mod metrics;
 pub(super) mod models;
+pub(super) mod repeat;
 pub(super) mod replay;
 pub(super) mod scores;
 pub(super) mod show;
@@ -80,6 +81,7 @@ impl App {
             run: stored.run,
             visibility: spec.visibility,
             is_mixed: spec.is_mixed(),
+            is_claimable: !spec.open_seats.is_empty(),
             is_over,
             opened: Opened::at(
                 self.time_to_open(),

@@ -3,6 +3,7 @@
 use axum::Json as JsonBody;
 use serde_json::json;
 
+use super::super::checks::checked_reason;
 use super::super::prelude::*;
 use crate::ids::EpisodeId;
 use crate::keys::Key;
@@ -31,9 +32,7 @@ pub(in super::super) async fn void_episode(
     _: Params<Nothing>,
     Json(VoidRequest { reason }, _): Json<VoidRequest>,
 ) -> Result<JsonBody<EpisodeSummary>, ApiError> {
-    let mut problems = Problems::default();
-    problems.text("reason", &reason, app.limits.reason_chars_max);
-    let reason = problems.none_or(Some(reason))?;
+    let reason = checked_reason(&app, reason)?;
     detached(async move { void(&app, key, id, reason).await }).await
 }
 

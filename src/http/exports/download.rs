@@ -28,7 +28,7 @@ use crate::dataset::export::{Export, ExportError, Exported, Selection};
 use crate::dataset::files::Archive;
 use crate::dataset::tables::TableName;
 use crate::episode::Status;
-use crate::fair::{self, FairLimit, Party, Permit, Rank};
+use crate::fair::{FairLimit, Origin, Party, Permit, Rank};
 use crate::ids::EpisodeId;
 use crate::store;
 use crate::store::episodes::{Filter, Readable};
@@ -193,7 +193,8 @@ pub(in super::super) async fn download_export(
             drop(pieces.blocking_send(Err(io::Error::other(error))));
         }
     };
-    crate::telemetry::spawn_blocking(move || fair::blocking(party, Rank::Normal, export));
+    let origin = Origin::of(party, Rank::Normal);
+    crate::telemetry::spawn_blocking(move || origin.enter(export));
     let stopped = |_| ApiError::new(Code::Internal, "the export ended before it began");
     is_selected.await.map_err(stopped)?.map_err(|error| match error {
         ExportError::Journal(error) => error.into(),

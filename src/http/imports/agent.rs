@@ -116,6 +116,7 @@ fn shown(row: FoundRow) -> ShownAct {
         failure: row.failure,
         response: text(row.response),
         reasoning: None,
+        harness: None,
         usage,
         bank_spent_ms: None,
         at: at.map(Into::into),

@@ -11,21 +11,24 @@ use super::super::auth::Credential;
 use super::super::checks::short;
 use super::super::client::Client;
 use super::super::idempotency::{created_before, idempotency};
+use super::super::limits::Limits;
 use super::super::prelude::*;
 use super::Known;
 use crate::hosted;
 use crate::run::definition::Definition;
-use crate::run::manager::NewRun;
+use crate::run::manager::{NewRun, token_holders};
 use swarmbench_clock::millis;
-use swarmbench_protocol::run::{CreatedRun, OwnSuite, RunRequest, SuiteRequest};
+use swarmbench_protocol::run::{
+    CreatedRun, HolderRequest, HolderToken, OwnSuite, RunHolder, RunRequest, SuiteRequest,
+};
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
 
 /// Games of a run that are open at a time if its creator does not say.
 const RUN_PARALLEL_DEFAULT: u32 = 4;
 
-/// Start a run: a suite of games for one model.
+/// Start a run: a suite of games for one model, or for a team of several.
 ///
-/// The answer has one token for all seats of all games, shown only once. Games are opened in the order of the plan as others
+/// The answer has one token for all seats of all games, or one for each holder of a team, shown only once. Games are opened in the order of the plan as others
 /// end. A repeat with the same `Idempotency-Key` and body returns the same run with a new token and revokes the earlier one.
 #[utoipa::path(
     post,
@@ -56,23 +59,33 @@ pub(in super::super) async fn create_run(
     detached(async move {
         let _lock = app.creations.lock_key(idempotency.as_ref()).await;
         let find = |key| app.store.run_created_with(key);
-        let (stored, token) = match created_before(idempotency.as_ref(), find).await? {
+        let (stored, tokens) = match created_before(idempotency.as_ref(), find).await? {
             None => {
                 check_new(&definition.suite)?;
                 let new = NewRun::by(creator.0, creator.1, definition);
                 app.runs.create(NewRun { idempotency, credential: credential.0, ..new }).await?
             }
-            Some(stored) if definition.player.is_some() => (stored, None),
             Some(stored) => {
-                let token = app.new_run_token(stored.run, credential, None).await?;
-                (stored, Some(token))
+                let tokens = match token_holders(&definition) {
+                    holders if holders.is_empty() => Vec::new(),
+                    holders => app.new_run_tokens(stored.run, holders, credential, None).await?,
+                };
+                (stored, tokens)
             }
         };
         let location = format!("/api/v1/runs/{}", stored.id);
         let known = Known::of(&app, stored)?;
         let run = app.run_detail(&caller, &known, known.open_seeds(&app, &caller)).await?;
-        let swarm_token = token.map(|token| token.reveal().to_owned());
-        Ok(answer::created(&location, CreatedRun { run, swarm_token }))
+        let (mut swarm_token, mut holder_tokens) = (None, Vec::new());
+        for (holder, token) in tokens {
+            let token = token.reveal().to_owned();
+            match holder.and_then(|number| run.run.holders.get(number as usize - 1)) {
+                None => swarm_token = Some(token),
+                Some(holder) => holder_tokens
+                    .push(HolderToken { holder: holder.name.clone(), swarm_token: token }),
+            }
+        }
+        Ok(answer::created(&location, CreatedRun { run, swarm_token, holder_tokens }))
     })
     .await
 }
@@ -111,19 +124,26 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
         suite.settings.bank_ms = millis(bank);
         suite
     });
+    let alone = [
+        ("player", request.player.is_some()),
+        ("temperature", request.temperature.is_some()),
+        ("top_p", request.top_p.is_some()),
+    ];
+    for (field, _) in alone.iter().filter(|(_, is_said)| *is_said && request.holders.is_some()) {
+        problems.refuse(field, "goes without `holders`, each of which has its own");
+    }
+    let agents = suite.as_ref().map(|suite| suite.settings.num_agents);
+    let holders = request.holders.map(|holders| team(holders, agents, limits, &mut problems));
+    let holders = holders.unwrap_or_default();
     if let (Some(suite), true) = (&suite, has_rules) {
-        check_games(suite, request.player.as_deref(), &mut problems);
+        let of_holders = holders.iter().filter_map(|holder| holder.player.as_deref());
+        let players: Vec<&str> = request.player.as_deref().into_iter().chain(of_holders).collect();
+        check_games(suite, &players, &mut problems);
     }
     let usual = || request.player.as_ref().map(|player| format!("built-in/{player}"));
     let model = request.model.or_else(usual).unwrap_or_default();
     problems.model(limits, &model);
-    for (field, value, most) in
-        [("temperature", request.temperature, 10.0), ("top_p", request.top_p, 1.0)]
-    {
-        if let Some(value) = value.filter(|value| !(0.0..=most).contains(value)) {
-            problems.refuse(field, format!("must be from 0 to {most}, is {value}"));
-        }
-    }
+    problems.sampling(request.temperature, request.top_p);
     let meta = request.agent_meta.unwrap_or_default();
     problems.agent_meta(limits, &meta);
     let prompt_template = swarmbench_prompt::chosen(request.prompt_template);
@@ -144,12 +164,87 @@ fn definition(request: RunRequest, app: &App) -> Result<Definition, ApiError> {
         prompt_template,
         prompt_revision: swarmbench_prompt::REVISION,
         player: request.player,
+        holders,
         parallel,
         visibility: visibility.name().to_owned(),
         idle_timeout_ms: millis(idle),
         closes_at: None,
         own_games: false,
     })
+}
+
+/// Checks the holders of a team of `agents` agents: each agent has one holder.
+fn team(
+    holders: Vec<HolderRequest>,
+    agents: Option<i64>,
+    limits: &Limits,
+    problems: &mut Problems,
+) -> Vec<RunHolder> {
+    let (count, most) = (holders.len(), limits.run_holders_max);
+    if !(1..=most).contains(&count) {
+        problems.refuse("holders", format!("must be 1 to {most} (run_holders_max), are {count}"));
+        return Vec::new();
+    }
+    let mut team: Vec<RunHolder> = Vec::with_capacity(count);
+    let mut seated = HashSet::new();
+    for (place, holder) in holders.into_iter().enumerate() {
+        let mut own = Problems::default();
+        let holder = declared(holder, agents, limits, &mut own);
+        if team.iter().any(|other| other.name == holder.name) {
+            own.refuse("name", format!("{:?} is the name of two holders", short(&holder.name)));
+        }
+        if holder.seats.is_empty() {
+            own.refuse("seats", "must name at least one agent, by its number");
+        }
+        let twice = holder.seats.iter().filter(|seat| !seated.insert(**seat)).min();
+        own.check("seats", twice.map(|seat| format!("the agent {seat} has two holders")));
+        problems.add_within(&format!("holders[{place}]"), own);
+        team.push(holder);
+    }
+    let without = (0..agents.unwrap_or(0))
+        .find(|agent| u16::try_from(*agent).is_ok_and(|agent| !seated.contains(&agent)));
+    if let Some(agent) = without {
+        problems.refuse("holders", format!("the agent {agent} has no holder"));
+    }
+    let bytes: usize = team.iter().map(|holder| holder.agent_meta.0.len()).sum();
+    let most = limits.holders_meta_bytes_max;
+    if bytes > most {
+        let problem = format!(
+            "may have {most} bytes of agent_meta together (holders_meta_bytes_max), have {bytes}"
+        );
+        problems.refuse("holders", problem);
+    }
+    team
+}
+
+/// A holder of a team of `agents` agents, checked for itself.
+fn declared(
+    holder: HolderRequest,
+    agents: Option<i64>,
+    limits: &Limits,
+    problems: &mut Problems,
+) -> RunHolder {
+    let HolderRequest { name, seats, model, player, temperature, top_p, agent_meta } = holder;
+    if model.is_some() && player.is_some() {
+        problems.refuse("model", "goes without `player`, which names the player");
+    }
+    let usual = || player.as_ref().map(|player| format!("built-in/{player}"));
+    let model = model.or_else(usual).unwrap_or_default();
+    problems.model(limits, &model);
+    let name = name.unwrap_or_else(|| model.clone());
+    problems.text("name", &name, limits.name_chars_max);
+    problems.sampling(temperature, top_p);
+    let agent_meta = agent_meta.unwrap_or_default();
+    problems.agent_meta(limits, &agent_meta);
+    let agent =
+        |seat: &i64| u16::try_from(*seat).ok().filter(|_| agents.is_none_or(|all| *seat < all));
+    // The list may be long, and one wrong number tells what is wrong with it.
+    let unknown = seats.iter().find(|seat| agent(seat).is_none());
+    problems.check("seats", unknown.map(|seat| format!("there is no agent {seat}")));
+    let mut seats: Vec<u16> = seats.iter().filter_map(agent).collect();
+    seats.sort_unstable();
+    let (sampling, prompt) = (None, None);
+    RunHolder { name, model, seats, player, temperature, top_p, sampling, prompt, agent_meta }
 }
 
 /// Prefix of ids of competitions.
@@ -209,8 +304,8 @@ fn check_new(suite: &Suite) -> Result<(), ApiError> {
         .map_err(|errors| ApiError::settings(errors, "suite.settings."))
 }
 
-/// Checks that every game of a suite can be played, by the built-in player that is to play it.
-fn check_games(suite: &Suite, by: Option<&str>, problems: &mut Problems) {
+/// Checks that every game of a suite can be played, by the built-in players that are to play it.
+fn check_games(suite: &Suite, players: &[&str], problems: &mut Problems) {
     let mut seen = HashSet::new();
     for game in suite.plan() {
         if let Err(errors) = Config::check(&suite.settings_of(&game)) {
@@ -225,11 +320,11 @@ fn check_games(suite: &Suite, by: Option<&str>, problems: &mut Problems) {
                 }
             }
         }
-        if let (Some(name), Some(task)) = (by, TaskName::parse(&game.task))
-            && let Err(problem) = hosted::player(name, task)
-            && seen.insert(("player".to_owned(), problem.clone()))
-        {
-            problems.refuse("player", problem);
+        let Some(task) = TaskName::parse(&game.task) else { continue };
+        for problem in players.iter().filter_map(|name| hosted::player(name, task).err()) {
+            if seen.insert(("player".to_owned(), problem.clone())) {
+                problems.refuse("player", problem);
+            }
         }
     }
 }

@@ -1,6 +1,5 @@
 //! Pages of the games of a run, in the order of its plan.
 
-use super::super::auth::Subject;
 use super::super::prelude::*;
 use super::Known;
 use crate::store::games::StoredGame;
@@ -55,11 +54,10 @@ impl App {
     ) -> Result<(Vec<StoredGame>, Option<String>), ApiError> {
         let mut games = self.store.games_of(run.stored.run).await?;
         games.retain(|game| {
-            let subject = Subject { id: Some(&game.id), is_over: game.is_over(), ..run.subject() };
             page.after.is_none_or(|after| game.slot > after)
                 && is_wanted(game)
                 && game.counts()
-                && caller.may_read(&self.access, subject)
+                && caller.may_read(&self.access, run.subject_of(game))
         });
         let has_more = games.len() > page.limit as usize;
         games.truncate(page.limit as usize);

@@ -25,12 +25,16 @@ use crate::episode::spec::Visibility;
 use crate::run::definition::{self, Definition};
 use crate::store::games::StoredGame;
 use crate::store::runs::StoredRun;
+use crate::store::tokens::Seats;
 use swarmbench_boards::Slot;
 use swarmbench_boards::result::task_results;
 use swarmbench_boards::run::NO_PROMPT;
 use swarmbench_journal::Tally;
 use swarmbench_protocol::Seconds;
-use swarmbench_protocol::run::{ActTally, RunDetail, RunGame, RunSummary, SuiteView, TaskResult};
+use swarmbench_protocol::carried::Carried;
+use swarmbench_protocol::run::{
+    ActTally, RunDetail, RunGame, RunHolder, RunSummary, SuiteView, TaskResult,
+};
 use swarmbench_protocol::suite::SuiteSettings;
 
 impl App {
@@ -77,9 +81,21 @@ impl Known {
             owner: self.stored.owner,
             run: Some(self.stored.run),
             visibility: self.visibility,
-            is_mixed: false,
+            is_mixed: self.definition.is_team(),
+            is_claimable: false,
             is_over: self.stored.ended_at.is_some(),
             opened: self.opened,
+        }
+    }
+
+    /// Facts of one of its games that decide its permissions.
+    fn subject_of<'a>(&'a self, game: &'a StoredGame) -> Subject<'a> {
+        let visibility = Visibility::parse(self.definition.visibility_of_games());
+        Subject {
+            id: Some(&game.id),
+            is_over: game.is_over(),
+            visibility: visibility.unwrap_or(self.visibility),
+            ..self.subject()
         }
     }
 
@@ -128,10 +144,12 @@ impl Known {
             model: definition.model.clone(),
             temperature: definition.temperature,
             top_p: definition.top_p,
+            sampling: definition.further_sampling(),
             agent_meta: definition.meta.clone(),
             template_digest: definition.template_digest(),
             prompt: definition.prompt_name().unwrap_or_else(|| NO_PROMPT.to_owned()),
             player: definition.player.clone(),
+            holders: self.holders(caller),
             parallel: definition.parallel,
             visibility: definition.visibility.clone(),
             idle_timeout_s: Seconds::of(std::time::Duration::from_millis(
@@ -150,6 +168,20 @@ impl Known {
             acts: tally(games),
             waits_for: app.runs.waits_for(stored.run).map(Into::into),
         }
+    }
+
+    /// Holders of the team as they are shown. Before the end a holder is not told how the others are asked, system messages
+    /// included.
+    fn holders(&self, caller: &Caller) -> Vec<RunHolder> {
+        let is_told_all =
+            self.stored.ended_at.is_some() || caller.reads_all() || caller.owns(self.subject());
+        let mut holders = self.definition.shown_holders();
+        for (number, holder) in (1..).zip(&mut holders) {
+            if !is_told_all && *caller != Caller::Run(self.stored.run, Seats::OfTeam(number)) {
+                holder.agent_meta = Carried::default();
+            }
+        }
+        holders
     }
 
     /// Results of the tasks, in the order of the suite.
@@ -185,8 +217,7 @@ impl Known {
         for planned in self.definition.suite.plan() {
             let before = shown.len();
             for game in games.iter().filter(|game| game.slot == planned.slot) {
-                let episode =
-                    Subject { id: Some(&game.id), is_over: game.is_over(), ..self.subject() };
+                let episode = self.subject_of(game);
                 let reads = caller.may_read(&app.access, episode);
                 shown.push(RunGame {
                     slot: game.slot,
@@ -281,14 +312,7 @@ impl App {
 /// Counts of the acts in all games that count.
 fn tally(games: &[StoredGame]) -> ActTally {
     let mut sum = Tally::default();
-    for game in games.iter().filter(|game| game.counts()) {
-        sum.acts += game.tally.acts;
-        sum.invalid += game.tally.invalid;
-        sum.failures.add(game.tally.failures);
-        sum.timeouts += game.tally.timeouts;
-        sum.prompt_tokens = sum.prompt_tokens.saturating_add(game.tally.prompt_tokens);
-        sum.completion_tokens = sum.completion_tokens.saturating_add(game.tally.completion_tokens);
-    }
+    games.iter().filter(|game| game.counts()).for_each(|game| sum.merge(&game.tally));
     #[expect(clippy::cast_precision_loss, reason = "nobody sends 2⁵³ acts")]
     let share = |part: u64, all: u64| (all > 0).then(|| part as f64 / all as f64);
     let timeout_share = share(sum.timeouts, sum.acts + sum.timeouts);
@@ -303,6 +327,7 @@ fn tally(games: &[StoredGame]) -> ActTally {
         clock_out_share: timeout_share,
         prompt_tokens: sum.prompt_tokens,
         completion_tokens: sum.completion_tokens,
+        usage: sum.usage,
     }
 }
 

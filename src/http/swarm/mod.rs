@@ -1,6 +1,7 @@
 //! Routes for many seats in one call: of one episode, or of all episodes of a run.
 
 pub(super) mod act;
+pub(super) mod acts;
 mod next;
 pub(super) mod obs;
 
@@ -29,6 +30,7 @@ impl Seated {
         match &self.seats {
             Seats::Creators => self.handle.spec.is_creators(agent),
             Seats::Claimed(seats) => seats.contains(&agent),
+            Seats::OfTeam(number) => self.handle.spec.is_of_team_holder(*number, agent),
         }
     }
 }
@@ -36,7 +38,12 @@ impl Seated {
 /// Seats that a token authorizes: of an episode, or of the open games of a run.
 enum Source {
     Episode(Seated),
-    Run { run: RunKey, open_games: watch::Receiver<OpenGames>, games: Option<HashSet<EpisodeId>> },
+    Run {
+        run: RunKey,
+        seats: Seats,
+        open_games: watch::Receiver<OpenGames>,
+        games: Option<HashSet<EpisodeId>>,
+    },
 }
 
 impl Source {
@@ -45,8 +52,8 @@ impl Source {
             Swarm::Episode(id, seats) => {
                 Self::Episode(Seated { handle: app.episode(&id).await?, seats })
             }
-            Swarm::Run(run) => {
-                Self::Run { run, open_games: app.runs.follow(run).await?, games: None }
+            Swarm::Run(run, seats) => {
+                Self::Run { run, seats, open_games: app.runs.follow(run).await?, games: None }
             }
         })
     }
@@ -57,12 +64,12 @@ impl Source {
             Self::Episode(Seated { handle, seats }) => {
                 Ok((vec![Seated { handle: handle.clone(), seats: seats.clone() }], None))
             }
-            Self::Run { open_games, .. } => {
+            Self::Run { seats, open_games, .. } => {
                 let OpenGames { open, is_over } = open_games.borrow_and_update().clone();
                 let mut seated = Vec::with_capacity(open.len());
                 for found in join_all(open.iter().map(|id| app.episode(id))).await {
                     match found {
-                        Ok(handle) => seated.push(Seated { handle, seats: Seats::Creators }),
+                        Ok(handle) => seated.push(Seated { handle, seats: seats.clone() }),
                         // A broken journal was already logged; the other games can be played.
                         Err(error) if error.code() == Code::Internal => {}
                         Err(error) => return Err(error),
@@ -104,7 +111,7 @@ impl Source {
                 let is_it = handle.id.as_str() == episode;
                 Ok(is_it.then(|| Seated { handle: handle.clone(), seats: seats.clone() }))
             }
-            Self::Run { run, open_games, games } => {
+            Self::Run { run, seats, open_games, games } => {
                 let id = EpisodeId::from_text(episode.to_owned());
                 let is_open = open_games.borrow().open.contains(&id);
                 if !is_open {
@@ -116,7 +123,7 @@ impl Source {
                         return Ok(None);
                     }
                 }
-                Ok(Some(Seated { handle: app.episode(&id).await?, seats: Seats::Creators }))
+                Ok(Some(Seated { handle: app.episode(&id).await?, seats: seats.clone() }))
             }
         }
     }

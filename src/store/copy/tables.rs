@@ -50,6 +50,7 @@ tables! {
     results by 1 given {
         episode: Int, task: Text, seed: Int, score: Real, rounds: Int, status: Text, acts: Int,
         invalid: Int, clock_outs: Int, prompt_tokens: Int, completion_tokens: Int, failures: Text,
+        usage: Text,
     }
     seats by 2 given {
         episode: Int, agent: Int, holder: Int, owner: Int, model: Text, player: Text,

@@ -62,9 +62,15 @@ pub enum Entry {
         status: &'static str,
         at: Timestamp,
     },
+    /// Continuation of a finished run, one of whose games is played again.
+    ReopenRun {
+        run: RunKey,
+    },
     /// A new token of a run, in place of the old one.
     ReplaceRunToken {
         run: RunKey,
+        /// Number of the holder in the run's team; `None` for a run without a team.
+        holder: Option<u32>,
         /// Hash of the new token.
         hash: TokenHash,
     },
@@ -300,8 +306,6 @@ pub struct RunRow {
     pub at: Timestamp,
     /// Idempotency key of the creation, and the hash of its body.
     pub idempotency: Option<(String, [u8; 32])>,
-    /// Hash of the token; `None` if the server itself plays.
-    pub token: Option<TokenHash>,
 }
 
 /// Action of an organizer in the audit log.
@@ -342,8 +346,8 @@ pub struct OpeningRow {
     pub visibility: &'static str,
     /// Whether the episode waits for a manual start.
     pub waiting: bool,
-    /// Whether seats can be claimed.
-    pub has_open_seats: bool,
+    /// Whether several holders may have seats.
+    pub is_mixed: bool,
     /// Whether the creator declares that a person plays.
     pub has_people: bool,
     /// Whether the owner reads the ended episode while it is sealed.

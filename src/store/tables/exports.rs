@@ -63,7 +63,7 @@ impl Store {
             self.fetch_all(acts.bind(episode.0).bind(from).bind(to)).await?;
         for (number, agent, at, record) in acts {
             // Acts of early versions have no brief record and are read with their texts.
-            let record = ActRecord { response: None, reasoning: None, ..record };
+            let record = record.without_texts();
             // Acts of the open round have no resolved round.
             if let Some(round) = rounds.iter_mut().find(|round| round.round == number) {
                 round.acts.push(LoggedAct { agent, at, record });

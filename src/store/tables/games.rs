@@ -10,7 +10,6 @@ use swarmbench_boards::{EndedGame, Slot};
 use swarmbench_journal::Tally;
 
 use crate::ids::{EpisodeId, EpisodeKey, RunKey};
-use crate::store::results::failures;
 use crate::store::runs::void_reason;
 use crate::store::sql::{Builder, FromRow, LISTED_AT_ONCE, SqlRow, get};
 use crate::store::{Store, StoreError};
@@ -45,10 +44,7 @@ impl StoredGame {
         Some(EndedGame {
             slot: *plan.get(self.slot as usize)?,
             score: self.score,
-            answers: self.tally.acts,
-            invalid: self.tally.invalid,
-            failures: self.tally.failures,
-            timeouts: self.tally.timeouts,
+            tally: self.tally,
             voided: !self.counts(),
         })
     }
@@ -156,7 +152,8 @@ impl Store {
                                        ORDER BY round DESC LIMIT 1), 0.0) AS score,
                     coalesce(r.rounds, (SELECT max(round) + 1 FROM rounds WHERE episode = e.key), 0)
                         AS rounds,
-                    r.acts, r.invalid, r.clock_outs, r.prompt_tokens, r.completion_tokens, r.failures
+                    r.acts, r.invalid, r.clock_outs, r.prompt_tokens, r.completion_tokens, r.failures,
+                    r.usage
              FROM episodes e LEFT JOIN results r ON r.episode = e.key WHERE e.run IN ",
         );
         query.push_list(runs.iter().map(|run| run.0));
@@ -170,7 +167,7 @@ impl Store {
 
 impl FromRow for (RunKey, StoredGame) {
     fn from_row(row: &SqlRow) -> Result<Self, sqlx::Error> {
-        let count = |column| Ok::<_, sqlx::Error>(get::<Option<u64>>(row, column)?.unwrap_or(0));
+        let has_result = get::<Option<u64>>(row, "acts")?.is_some();
         let game = StoredGame {
             episode: get(row, "key")?,
             id: get(row, "id")?,
@@ -179,14 +176,7 @@ impl FromRow for (RunKey, StoredGame) {
             reason: get(row, "reason")?,
             score: get(row, "score")?,
             rounds: get(row, "rounds")?,
-            tally: Tally {
-                acts: count("acts")?,
-                invalid: count("invalid")?,
-                failures: failures(row)?,
-                timeouts: count("clock_outs")?,
-                prompt_tokens: count("prompt_tokens")?,
-                completion_tokens: count("completion_tokens")?,
-            },
+            tally: if has_result { Tally::from_row(row)? } else { Tally::default() },
             void_reason: void_reason(row)?,
             ended_at: get(row, "ended_at")?,
         };

@@ -33,6 +33,13 @@ pub fn stored_method() -> (&'static str, u32) {
     (Hash1::ID, METRICS_REVISION)
 }
 
+/// True if a row has a worth in place of metrics, of a known revision.
+pub(in crate::store) fn is_worth(embedder: &str, revision: u32) -> bool {
+    [WORTH, ACCURACY]
+        .iter()
+        .any(|(name, newest)| *name == embedder && (1..=*newest).contains(&revision))
+}
+
 /// What stored worths have in place of an embedder, and their revision: `GameWorth` as JSON.
 const WORTH: (&str, u32) = ("worth", WORTH_REVISION);
 

@@ -279,8 +279,7 @@ fn act_of_line(line: &str) -> Option<(AgentId, StoredAct)> {
     let mut parts = line.splitn(4, ' ');
     let mut number = || parts.next()?.parse::<u64>().ok();
     let (agent, waiting_for, bytes) = (number()?, number()?, number()?);
-    let mut record: ActRecord = serde_json::from_str(parts.next()?).ok()?;
-    (record.response, record.reasoning) = (None, None);
+    let record = serde_json::from_str::<ActRecord>(parts.next()?).ok()?.without_texts();
     let waiting_for = waiting_for.try_into().ok()?;
     Some((AgentId(agent.try_into().ok()?), StoredAct { record, bytes, waiting_for }))
 }

@@ -14,9 +14,10 @@ use crate::store::StoreError;
 use crate::store::entries::Entry;
 use crate::store::sql::{Builder, Connection, FromRow, SqlRow, get, query};
 use crate::store::templates::opening;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::{ActRecord, RawRecord};
-use swarmbench_protocol::failure::Failures;
 
 /// Runs, or games of several holders, read by one query.
 const CHUNK: i64 = 256;
@@ -36,16 +37,16 @@ pub(in crate::store) async fn add(
     let count = |number: u64| i64::try_from(number).unwrap_or(i64::MAX);
     query(
         "INSERT INTO results (episode, task, seed, score, rounds, status, acts, invalid, clock_outs,
-                              prompt_tokens, completion_tokens, failures)
+                              prompt_tokens, completion_tokens, failures, usage)
          SELECT key, task, CAST($1 AS BIGINT), CAST($2 AS DOUBLE PRECISION), CAST($3 AS BIGINT), status,
                 CAST($4 AS BIGINT), CAST($5 AS BIGINT), CAST($6 AS BIGINT), CAST($7 AS BIGINT), CAST($8 AS BIGINT),
-                CAST($9 AS TEXT)
-         FROM episodes WHERE key = $10
+                CAST($9 AS TEXT), CAST($10 AS TEXT)
+         FROM episodes WHERE key = $11
          ON CONFLICT (episode) DO UPDATE SET
              task = excluded.task, seed = excluded.seed, score = excluded.score, rounds = excluded.rounds,
              status = excluded.status, acts = excluded.acts, invalid = excluded.invalid,
              clock_outs = excluded.clock_outs, prompt_tokens = excluded.prompt_tokens,
-             completion_tokens = excluded.completion_tokens, failures = excluded.failures",
+             completion_tokens = excluded.completion_tokens, failures = excluded.failures, usage = excluded.usage",
     )
     .bind(i64::from(seed))
     .bind(score)
@@ -56,6 +57,7 @@ pub(in crate::store) async fn add(
     .bind(count(tally.prompt_tokens))
     .bind(count(tally.completion_tokens))
     .bind(json(&tally.failures))
+    .bind(json(&tally.usage))
     .bind(episode.0)
     .execute(connection)
     .await?;
@@ -102,7 +104,9 @@ impl Effect {
         let (kind, key) = match entry {
             Entry::End(row) if row.counts => (Self::ENDED, row.episode.0),
             Entry::VoidEpisode { episode, .. } => (Self::VOIDED, episode.0),
-            Entry::EndRun { run, .. } | Entry::VoidRun { run, .. } => (Self::RUN, run.0),
+            Entry::EndRun { run, .. } | Entry::ReopenRun { run } | Entry::VoidRun { run, .. } => {
+                (Self::RUN, run.0)
+            }
             Entry::SetEntrant { entry, .. }
             | Entry::RenameEntrant { entry, .. }
             | Entry::EraseEntrant { entry, .. } => (Self::ENTRANT, entry.0),
@@ -309,13 +313,7 @@ pub struct BoardGame {
     pub task: String,
     pub seed: Seed,
     pub score: f64,
-    pub acts: u64,
-    /// See [`Tally`].
-    pub invalid: u64,
-    /// See [`Tally`].
-    pub failures: Failures,
-    /// See [`Tally`].
-    pub timeouts: u64,
+    pub tally: Tally,
     pub voided: bool,
 }
 
@@ -371,7 +369,7 @@ impl Store {
     /// Counts of an episode's acts.
     pub async fn tally_of(&self, episode: EpisodeKey) -> Result<Tally, StoreError> {
         let query = query(
-            "SELECT acts, invalid, clock_outs, prompt_tokens, completion_tokens, failures
+            "SELECT acts, invalid, clock_outs, prompt_tokens, completion_tokens, failures, usage
              FROM results WHERE episode = $1",
         );
         if let Some(tally) = self.fetch_optional(query.bind(episode.0)).await? {
@@ -380,11 +378,7 @@ impl Store {
         // Games that do not count have no row. For a fork, only rounds played in it are counted.
         let mut tally = Tally::default();
         self.each_act(episode, |act| tally.add(&act)).await?;
-        // Clamped as a stored value would be.
-        let most = |number: u64| number.min(i64::MAX.unsigned_abs());
-        let (prompt_tokens, completion_tokens) =
-            (most(tally.prompt_tokens), most(tally.completion_tokens));
-        Ok(Tally { prompt_tokens, completion_tokens, ..tally })
+        Ok(as_stored(tally))
     }
 
     /// Streams the acts of rounds played in an episode, without their texts.
@@ -425,6 +419,7 @@ impl Store {
     ) -> Result<Vec<(RunKey, Option<BoardGame>)>, StoreError> {
         let query = query(
             "SELECT e.run, s.task, s.seed, s.score, s.acts, s.invalid, s.clock_outs, s.failures,
+                    s.prompt_tokens, s.completion_tokens, s.usage,
                     e.key IN (SELECT key FROM episodes WHERE voided_at IS NOT NULL) AS voided
              FROM episodes e INDEXED BY episodes_by_run LEFT JOIN results s ON s.episode = e.key
              WHERE e.run BETWEEN $1 AND $2 ORDER BY e.run, e.slot NULLS FIRST, e.key",
@@ -491,28 +486,33 @@ impl FromRow for Tally {
         Ok(Self {
             acts: get(row, "acts")?,
             invalid: get(row, "invalid")?,
-            failures: failures(row)?,
+            failures: counts(row, "failures")?,
             timeouts: get(row, "clock_outs")?,
             prompt_tokens: get(row, "prompt_tokens")?,
             completion_tokens: get(row, "completion_tokens")?,
+            usage: counts(row, "usage")?,
         })
     }
 }
 
-/// Kinds of invalid answers and their counts; empty for a game without a result.
-pub(in crate::store) fn failures(row: &SqlRow) -> Result<Failures, sqlx::Error> {
-    let stored: Option<String> = get(row, "failures")?;
-    read_failures(stored.as_deref().unwrap_or("{}"))
+/// Counts as a row has them, whose columns are signed.
+pub(in crate::store) fn as_stored(tally: Tally) -> Tally {
+    let most = |number: u64| number.min(i64::MAX.unsigned_abs());
+    Tally {
+        prompt_tokens: most(tally.prompt_tokens),
+        completion_tokens: most(tally.completion_tokens),
+        ..tally
+    }
 }
 
-/// Parses the column `failures`.
-pub(in crate::store) fn read_failures(stored: &str) -> Result<Failures, sqlx::Error> {
-    serde_json::from_str(stored).map_err(|error| sqlx::Error::Decode(error.into()))
+/// Parses the columns `failures` and `usage`.
+fn counts<T: DeserializeOwned>(row: &SqlRow, column: &str) -> Result<T, sqlx::Error> {
+    serde_json::from_str(row.text(column)?).map_err(|error| sqlx::Error::Decode(error.into()))
 }
 
-/// Value of the column `failures`.
-fn json(failures: &Failures) -> String {
-    serde_json::to_string(failures).expect("kinds and numbers")
+/// Value of the columns `failures` and `usage`.
+pub(in crate::store) fn json(counts: &impl Serialize) -> String {
+    serde_json::to_string(counts).expect("kinds and numbers")
 }
 
 impl FromRow for BoardRun {
@@ -542,10 +542,7 @@ impl FromRow for (RunKey, Option<BoardGame>) {
             task,
             seed: get(row, "seed")?,
             score: get(row, "score")?,
-            acts: get(row, "acts")?,
-            invalid: get(row, "invalid")?,
-            failures: failures(row)?,
-            timeouts: get(row, "clock_outs")?,
+            tally: Tally::from_row(row)?,
             voided: get(row, "voided")?,
         };
         Ok((run, Some(game)))

@@ -254,12 +254,9 @@ pub(in crate::store) async fn open(
     .bind(row.idempotency.as_ref().map(|(key, _)| key))
     .bind(row.idempotency.as_ref().map(|(_, body)| &body[..]))
     .bind(row.closes_at.map(Timestamp::as_millisecond))
-    .execute(&mut *connection)
+    .execute(connection)
     .await?;
-    match row.token {
-        Some(hash) => add_token(connection, row.run, hash).await,
-        None => Ok(()),
-    }
+    Ok(())
 }
 
 pub(in crate::store) async fn end(
@@ -271,6 +268,18 @@ pub(in crate::store) async fn end(
     query("UPDATE runs SET status = $1, ended_at = $2 WHERE key = $3 AND ended_at IS NULL")
         .bind(status)
         .bind(at.as_millisecond())
+        .bind(run.0)
+        .execute(connection)
+        .await?;
+    Ok(())
+}
+
+/// Continues a finished run; others stay as they are.
+pub(in crate::store) async fn reopen(
+    connection: &mut Connection,
+    run: RunKey,
+) -> Result<(), sqlx::Error> {
+    query("UPDATE runs SET status = 'running', ended_at = NULL WHERE key = $1 AND status = 'finished'")
         .bind(run.0)
         .execute(connection)
         .await?;
@@ -312,20 +321,18 @@ pub(in crate::store) async fn void(
 pub(in crate::store) async fn replace_token(
     connection: &mut Connection,
     run: RunKey,
+    holder: Option<u32>,
     hash: TokenHash,
 ) -> Result<(), sqlx::Error> {
-    query("DELETE FROM tokens WHERE run = $1").bind(run.0).execute(&mut *connection).await?;
-    add_token(connection, run, hash).await
-}
-
-async fn add_token(
-    connection: &mut Connection,
-    run: RunKey,
-    hash: TokenHash,
-) -> Result<(), sqlx::Error> {
-    query("INSERT INTO tokens (hash, run) VALUES ($1, $2)")
+    query("DELETE FROM tokens WHERE run = $1 AND coalesce(holder, 0) = $2")
+        .bind(run.0)
+        .bind(holder.unwrap_or(0))
+        .execute(&mut *connection)
+        .await?;
+    query("INSERT INTO tokens (hash, run, holder) VALUES ($1, $2, $3)")
         .bind(&hash.0[..])
         .bind(run.0)
+        .bind(holder)
         .execute(connection)
         .await?;
     Ok(())

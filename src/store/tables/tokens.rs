@@ -26,9 +26,11 @@ pub enum Grant {
         owner: Option<OwnerKey>,
         seats: Seats,
     },
-    /// All seats of all episodes of a run.
+    /// Seats of all episodes of a run.
     Run {
         run: RunKey,
+        /// All seats, or those of one holder of the run's team.
+        seats: Seats,
         /// Key that created the run.
         owner: Option<OwnerKey>,
         /// Set for attempts in a competition, and for practice with a key made for one.
@@ -43,6 +45,8 @@ pub enum Seats {
     /// All seats except those open to claims and those hosted by the server.
     Creators,
     Claimed(Arc<[AgentId]>),
+    /// Seats of a holder of a run's team, by its number.
+    OfTeam(u32),
 }
 
 /// Tokens replaced by one commit.
@@ -73,7 +77,7 @@ impl Store {
     /// Finds the permissions of a token by its hash.
     pub async fn find_token(&self, hash: TokenHash) -> Result<Option<Grant>, StoreError> {
         let query = query(concat!(
-            "SELECT e.id, CASE WHEN t.holder IS NULL THEN coalesce(e.owner, r.owner) ELSE c.owner END AS owner,
+            "SELECT e.id, CASE WHEN t.holder IS NULL OR t.run IS NOT NULL THEN coalesce(e.owner, r.owner) ELSE c.owner END AS owner,
                     t.agent, t.holder, t.run, t.episode,
                     ",
             competition_of_run!(),
@@ -87,7 +91,8 @@ impl Store {
         };
         let TokenColumns { run, competition, id, episode: key, agent, holder, owner } = found;
         if let Some(run) = run {
-            return Ok(Some(Grant::Run { run, owner, competition }));
+            let seats = holder.map_or(Seats::Creators, Seats::OfTeam);
+            return Ok(Some(Grant::Run { run, seats, owner, competition }));
         }
         let no_subject = || StoreError::broken("a token of no episode and no run");
         let (episode, key) = id.zip(key).ok_or_else(no_subject)?;

@@ -34,15 +34,53 @@ are read from the answer's text, by the rules.
 """
 
 
+class Try(TypedDict):
+    """Invalid answer of a model, and the reply to it."""
+
+    response: str
+    """Answer of the model."""
+    told: str
+    """What the model was told, with which it was asked again."""
+
+
+class Harness(TypedDict):
+    """What stood between a prompt of the server and a model: with the prompt, what the model was sent, and what is
+    kept for its next question. Parts without content are left out.
+    """
+
+    added: NotRequired[str | None]
+    """Text after the prompt, such as the notes of earlier rounds."""
+    carried: NotRequired[Sequence[int]]
+    """Those of these rounds whose encrypted reasoning came with their answers, which is stored nowhere."""
+    history: NotRequired[Sequence[int]]
+    """Earlier rounds whose prompts and answers of this seat came before the prompt, in ascending order; at most 20."""
+    scratchpad: NotRequired[str | None]
+    """Notes of the seat after the answer, for its next question."""
+    tries: NotRequired[Sequence[Try]]
+    """Invalid answers before the one of the act, in order; at most 8. The usage of the act counts them."""
+
+
 class Usage(TypedDict):
     """Cost of a language model's answer."""
 
+    cache_write_tokens: NotRequired[int | None]
+    """Tokens of the prompt that were written into a cache; part of `prompt_tokens`."""
+    cached_tokens: NotRequired[int | None]
+    """Tokens of the prompt that were read from a cache; part of `prompt_tokens`."""
     completion_tokens: NotRequired[int | None]
     """Tokens of the answer."""
+    cost_nano_usd: NotRequired[int | None]
+    """Cost in billionths of a US dollar: as the endpoint reported it, or else by the client's prices."""
+    first_token_ms: NotRequired[int | None]
+    """Time from the beginning of the request to the first token of a streamed answer, its reasoning included, in
+    milliseconds.
+    """
     latency_ms: NotRequired[int | None]
     """Time that the answer took, in milliseconds."""
     prompt_tokens: NotRequired[int | None]
     """Tokens of the prompt."""
+    reasoning_tokens: NotRequired[int | None]
+    """Tokens of reasoning; part of `completion_tokens`."""
 
 
 class ActRequest(TypedDict):
@@ -54,6 +92,10 @@ class ActRequest(TypedDict):
     """Reason for which the model gave no answer, if only its client knows it: `refusal`, `content_filter`,
     `truncated`, `tool_call`, `reasoning_only` or `rejected`. With `response` only; recorded if the response is
     invalid.
+    """
+    harness: NotRequired[Harness | None]
+    """What the player's program added to the prompt, and keeps for the next one. With `response` only; no other seat
+    reads it.
     """
     message: NotRequired[str | None]
     """Message of the agent: one line. A longer message is cut to 120 characters and `...`. With `action` only."""
@@ -236,6 +278,21 @@ class ActResponse(Receipt):
     """Next observation, with `wait`; null after a timeout."""
 
 
+class UsageSums(TypedDict):
+    """Sums over answers of what was reported beside the tokens of prompts and answers. Sums of 0 are left out."""
+
+    cache_write_tokens: NotRequired[int]
+    """Tokens of prompts that were written into a cache. `0` where it is left out."""
+    cached_tokens: NotRequired[int]
+    """Tokens of prompts that were read from a cache. `0` where it is left out."""
+    cost_nano_usd: NotRequired[int]
+    """Cost in billionths of a US dollar, of the answers whose cost is known. `0` where it is left out."""
+    priced: NotRequired[int]
+    """Answers whose cost is known. `0` where it is left out."""
+    reasoning_tokens: NotRequired[int]
+    """Tokens of reasoning. `0` where it is left out."""
+
+
 class ActTally(TypedDict):
     """Counts of acts."""
 
@@ -261,6 +318,8 @@ class ActTally(TypedDict):
     """Share of expired clocks in all acts that were due; null before the first act."""
     timeouts: int
     """Number of expired clocks."""
+    usage: NotRequired[UsageSums]
+    """What else players reported: tokens of caches and of reasoning, and the cost. Left out if nothing was."""
 
 
 class ShownAct(TypedDict):
@@ -274,6 +333,8 @@ class ShownAct(TypedDict):
     """Milliseconds of the seat's bank that the act used."""
     failure: NotRequired[Failure | None]
     """Reason for which the answer was invalid. Games of earlier versions did not record it."""
+    harness: NotRequired[Harness | None]
+    """What the player's program added to the prompt, and kept."""
     message: NotRequired[str | None]
     """Message of the agent."""
     reasoning: NotRequired[str | None]
@@ -463,6 +524,29 @@ class RowDifference(TypedDict):
     """The `id` of the row above; on the board of a competition, the id of the entrant."""
 
 
+class RunHolder(TypedDict):
+    """Holder of a team, as it was declared."""
+
+    agent_meta: NotRequired[dict[str, Any]]
+    """Further facts about the player; left out on boards, and before the end of the run for other holders."""
+    model: str
+    """Name of the model that plays."""
+    name: str
+    """Name within the team."""
+    player: str | None
+    """Built-in player with which the server plays these seats."""
+    prompt: str | None
+    """Name of the prompt, with its harness, as of a run; null for players that read none."""
+    sampling: str | None
+    """Further sampling, as of a run; null without any."""
+    seats: list[int]
+    """Numbers of its agents, in order."""
+    temperature: float | None
+    """Sampling temperature."""
+    top_p: float | None
+    """Nucleus of sampling (top-p)."""
+
+
 class TaskScore(TypedDict):
     """Games of one task."""
 
@@ -480,19 +564,27 @@ class BoardRow(TypedDict):
     """Row of a board."""
 
     answer_reader: str | None
-    """Reader of answers: `last-marker` or `first-marker`; null for rows of the paper and of files."""
+    """Reader of answers: `last-marker`, `first-marker` or `json`; null for rows of the paper and of files."""
     clock_out_share: float | None
     """Old name of `timeout_share`."""
+    completion_tokens: NotRequired[int | None]
+    """Tokens of answers in all games of the row, as players reported them; left out if they reported none."""
     converted: list[str]
     """Tasks whose scores were converted from the scale of those rules to that of the board."""
+    cost_usd: NotRequired[float | None]
+    """Mean cost of a game in US dollars; left out if no cost is known."""
+    costs_are_whole: NotRequired[bool | None]
+    """True if the cost of every answer is known: else `cost_usd` is less than the whole. Left out without a cost."""
     decentralization: str | None
-    """`declared` if one holder had all seats, and so could pool what they saw; `enforced` if that was impossible;
-    null under centralized control, and for rows of the paper.
+    """`declared` if one holder had all seats, and so could pool what they saw; `enforced` if each holder's token
+    read its own seats alone, or the server played; null under centralized control, and for rows of the paper.
     """
     difference: RowDifference | None
     """Distance below the nearest row above that was played here."""
     failures: dict[str, int]
     """Invalid answers, counted by reason. Games of earlier versions did not record reasons."""
+    holders: NotRequired[list[RunHolder]]
+    """Holders of a team, whose name is `model`; left out in other rows."""
     id: str
     """Id of the row. A player has the same id on every board."""
     imported: bool
@@ -500,8 +592,8 @@ class BoardRow(TypedDict):
     invalid_share: float | None
     """Share of invalid answers among all answers of players; null without answers."""
     kind: str | None
-    """`human` if the owner declares that people played, by `agent_meta.kind`, and for the people of the paper; null
-    for other rows.
+    """`human` if the owner declares that people played, by `agent_meta.kind`, and for the people of the paper;
+    `team` if the seats belong to several holders; null for other rows.
     """
     metrics: NotRequired[dict[str, dict[str, float | None]]]
     """Requested metrics by task: means over the games of the run that is named in `run`. Null if no game has a
@@ -518,12 +610,15 @@ class BoardRow(TypedDict):
     owner: str | None
     """Owner of the key; null without a key."""
     prompt: str | None
-    """Name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`; `default:1`
-    for the words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256.
-    Null for built-in players and people, who read no prompt, and for rows of the paper and of files.
+    """Name of the prompt: `default`, `toolkit`, `static-first` or `custom:` and the first digits of
+    `prompt_template`; `default:1` for the words of an earlier revision. A system message adds `+system:` and the
+    first digits of its SHA-256. Null for built-in players and people, who read no prompt, and for rows of the
+    paper and of files.
     """
     prompt_template: str | None
     """First 12 hexadecimal digits of SHA-256 of the prompt template; null for the built-in template."""
+    prompt_tokens: NotRequired[int | None]
+    """Tokens of prompts in all games of the row, as players reported them; left out if they reported none."""
     rank: int | None
     """Rank: 1, 2, 2, 4. Null if the row has no value by which it could be ranked."""
     reference: bool
@@ -534,6 +629,10 @@ class BoardRow(TypedDict):
     """Id of the run that is shown; with `mean`, of the last run."""
     runs: int | None
     """Number of runs of the player on this board."""
+    sampling: str | None
+    """Further sampling, as an evaluation declares it in `agent_meta.eval`: limits of tokens, effort and budget of
+    the reasoning, and fields of `extra` such as `top_k`. Null without any.
+    """
     started_at: str | None
     """Time at which that run was started."""
     status: str | None
@@ -552,6 +651,8 @@ class BoardRow(TypedDict):
     """Nucleus of sampling (top-p), as declared."""
     total: float | None
     """Sum of the means of the tasks that are shown; null if one is missing."""
+    usage: NotRequired[UsageSums]
+    """What else players reported in all games of the row. Left out if nothing was."""
     voided: int | None
     """Number of voided games, which do not count."""
     vouched: bool | None
@@ -606,7 +707,9 @@ class SealedSettings(TypedDict):
     """Settings of all games, with the names, limits and defaults that they have for an episode."""
 
     answer_reader: NotRequired[AnswerReader | None]
-    """Reader of language models' answers: `last-marker` or `first-marker`. `last-marker` where it is left out."""
+    """Reader of language models' answers: `last-marker`, `first-marker` or `json`. `last-marker` where it is left
+    out.
+    """
     control: NotRequired[Control | None]
     """`decentralized` or `centralized`. `decentralized` where it is left out."""
     height: NotRequired[int | None]
@@ -742,9 +845,9 @@ class EntrantSummary(TypedDict):
     name: str
     """Name of the entrant."""
     prompt: str
-    """Name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `prompt_template`. A declared
-    system message (`system_message` in `agent_meta`) adds `+system:` and the first digits of its SHA-256. `none`
-    for built-in players and people, who read no prompts.
+    """Name of the prompt: `default`, `toolkit`, `static-first` or `custom:` and the first digits of
+    `prompt_template`. A declared system message (`system_message` in `agent_meta`) adds `+system:` and the first
+    digits of its SHA-256. `none` for built-in players and people, who read no prompts.
     """
     prompt_template: str | None
     """Digest of the prompt template; null for the built-in template."""
@@ -997,7 +1100,7 @@ class EpisodeConfig(TypedDict):
 
     agent_meta: dict[str, Any]
     answer_reader: NotRequired[str]
-    """Reader of language models' answers, `last-marker` or `first-marker`; left out if it is `last-marker`."""
+    """Reader of language models' answers, `last-marker`, `first-marker` or `json`; left out if it is `last-marker`."""
     bank_s: Seconds
     control: str
     fill_after_s: Seconds | None
@@ -1118,7 +1221,7 @@ class SuiteSettingsView(TypedDict):
     """Settings of all games of a suite."""
 
     answer_reader: NotRequired[str]
-    """Reader of language models' answers, `last-marker` or `first-marker`; left out if it is `last-marker`."""
+    """Reader of language models' answers, `last-marker`, `first-marker` or `json`; left out if it is `last-marker`."""
     bank_s: Seconds
     control: str
     height: int
@@ -1206,6 +1309,8 @@ class RunSummary(TypedDict):
     """Time of creation."""
     ended_at: str | None
     """Time at which the run ended; null before."""
+    holders: NotRequired[list[RunHolder]]
+    """Holders of a team; left out where one player has all seats."""
     id: str
     """Id of the run."""
     idle_timeout_s: Seconds
@@ -1221,10 +1326,12 @@ class RunSummary(TypedDict):
     player: str | None
     """Built-in player with which the server plays all seats."""
     prompt: str
-    """Name of the prompt: `default`, `toolkit` or `custom:` and the first digits of `template_digest`; `default:1`
-    for the words of an earlier revision. A system message adds `+system:` and the first digits of its SHA-256.
-    `none` for built-in players and people, who read no prompts.
+    """Name of the prompt: `default`, `toolkit`, `static-first` or `custom:` and the first digits of
+    `template_digest`; `default:1` for the words of an earlier revision. A system message adds `+system:` and the
+    first digits of its SHA-256. `none` for built-in players and people, who read no prompts.
     """
+    sampling: str | None
+    """Further sampling, as an evaluation declares it in `agent_meta.eval`; null without any."""
     status: str
     """Status: `running`, `finished`, `aborted`, `abandoned` or `closed`."""
     suite: SuiteView
@@ -1281,11 +1388,22 @@ class RunDetail(RunSummary):
     """
 
 
+class HolderToken(TypedDict):
+    """Token of a holder of a team."""
+
+    holder: str
+    """Name of the holder within its team."""
+    swarm_token: str
+    """Token for the holder's seats of all games."""
+
+
 class CreatedRun(RunDetail):
     """New run."""
 
+    holder_tokens: NotRequired[list[HolderToken]]
+    """Tokens of a team's holders, shown only once; none for holders that the server plays."""
     swarm_token: str | None
-    """Token for all seats of all games, shown only once; null if the server itself plays."""
+    """Token for all seats of all games, shown only once; null if the server itself plays, and in a team."""
 
 
 class CrossPlayPair(TypedDict):
@@ -1440,7 +1558,9 @@ class EpisodeRequest(TypedDict):
     agent_meta: NotRequired[Mapping[str, Any] | None]
     """Further facts about the player; at most 16 KiB of JSON."""
     answer_reader: NotRequired[AnswerReader | None]
-    """Reader of language models' answers: `last-marker` or `first-marker`. `last-marker` where it is left out."""
+    """Reader of language models' answers: `last-marker`, `first-marker` or `json`. `last-marker` where it is left
+    out.
+    """
     bank_s: NotRequired[float | None]
     """Time that a seat may overspend in all rounds together, in seconds. `0` where it is left out."""
     control: NotRequired[Control | None]
@@ -1723,6 +1843,27 @@ class Health(TypedDict):
     """Version of the server."""
 
 
+class HolderRequest(TypedDict):
+    """Holder of a team, who plays some seats of every game of a run. Every seat has one holder."""
+
+    agent_meta: NotRequired[Mapping[str, Any] | None]
+    """Further facts about the player; at most 16 KiB of JSON, and 64 KiB of all holders together."""
+    model: NotRequired[str | None]
+    """Name of the model that plays; at most 200 characters."""
+    name: NotRequired[str | None]
+    """Name within the team; that of the model by default. No two holders have the same."""
+    player: NotRequired[str | None]
+    """Built-in player with which the server plays these seats; `default` is each task's own. Such a holder has no
+    token.
+    """
+    seats: Sequence[int]
+    """Numbers of its agents."""
+    temperature: NotRequired[float | None]
+    """Sampling temperature."""
+    top_p: NotRequired[float | None]
+    """Nucleus of sampling (top-p)."""
+
+
 class ImportConfig(TypedDict):
     """Settings of an imported game. The toolkit's files contain only the first five."""
 
@@ -1967,7 +2108,9 @@ class OwnSettings(TypedDict):
     """Settings of all games of a suite of one's own, as for an episode."""
 
     answer_reader: NotRequired[AnswerReader | None]
-    """Reader of language models' answers: `last-marker` or `first-marker`. `last-marker` where it is left out."""
+    """Reader of language models' answers: `last-marker`, `first-marker` or `json`. `last-marker` where it is left
+    out.
+    """
     control: NotRequired[Control | None]
     """`decentralized` or `centralized`. `decentralized` where it is left out."""
     height: NotRequired[int | None]
@@ -2254,6 +2397,10 @@ class RunRequest(TypedDict):
     """Further facts about the player; at most 16 KiB of JSON."""
     bank_s: NotRequired[float | None]
     """Time that a seat may overspend in all rounds of a game together, in seconds. `0` where it is left out."""
+    holders: NotRequired[Sequence[HolderRequest] | None]
+    """Holders of a team: each plays its own seats of every game, with a token of its own; 1 to 64. Then `model` is
+    the name of the team, and `player`, `temperature` and `top_p` are left out.
+    """
     idle_timeout_s: NotRequired[float | None]
     """Seconds without any act after which a game ends as abandoned, and its run with it. `86400` where it is left
     out.
@@ -2311,10 +2458,30 @@ class RunScores(TypedDict):
 class RunToken(TypedDict):
     """New token of a run."""
 
+    holder: NotRequired[str | None]
+    """Name of the holder in the run's team; left out where one player has all seats."""
     id: str
     """Id of the run."""
     swarm_token: str
-    """Token for all seats of all games, shown only once. The earlier token is revoked."""
+    """Token for all seats of all games, or for those of the holder, shown only once. The earlier token is revoked."""
+
+
+class SeatAct(TypedDict):
+    """Earlier act of a seat."""
+
+    act: ShownAct
+    """Act as it was recorded."""
+    prompt: str | None
+    """Text for a language model in that round; only if requested."""
+    round: int
+    """Round of the act."""
+
+
+class SeatActs(TypedDict):
+    """Earlier acts of a seat."""
+
+    acts: list[SeatAct]
+    """Acts of the newest resolved rounds in which the seat acted, in ascending order of rounds."""
 
 
 class SeatHolder(TypedDict):
@@ -2446,6 +2613,10 @@ class SwarmAct(TypedDict):
     """Reason for which the model gave no answer, if only its client knows it: `refusal`, `content_filter`,
     `truncated`, `tool_call`, `reasoning_only` or `rejected`. With `response` only; recorded if the response is
     invalid.
+    """
+    harness: NotRequired[Harness | None]
+    """What the player's program added to the prompt, and keeps for the next one. With `response` only; no other seat
+    reads it.
     """
     message: NotRequired[str | None]
     """Message of the agent: one line. A longer message is cut to 120 characters and `...`. With `action` only."""

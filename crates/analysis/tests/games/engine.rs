@@ -62,11 +62,16 @@ fn decisions_are_in_order_of_agents_also_where_some_left() {
         response: None,
         usage: None,
         reasoning: None,
+        harness: None,
         bank_spent_ms: 0,
     };
-    let usage = Usage { prompt_tokens: Some(7), completion_tokens: Some(5), latency_ms: None };
+    let usage = Usage { prompt_tokens: Some(7), completion_tokens: Some(5), ..Usage::default() };
     let acts = [
-        ActRecord { message: Some("hi".to_owned()), usage: Some(usage), ..record("Agent_1", "UP") },
+        ActRecord {
+            message: Some("hi".to_owned()),
+            usage: Some(Box::new(usage)),
+            ..record("Agent_1", "UP")
+        },
         ActRecord { source: Source::Clock, action: None, ..record("Agent_3", "") },
         ActRecord { valid: false, action: None, ..record("Agent_4", "") },
     ];

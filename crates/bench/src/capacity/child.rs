@@ -8,6 +8,8 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use rustix::process::{Pid, Signal, kill_process};
+use swarmbench_testkit::program::peak_memory_bytes;
 
 /// Pause between two readings of a process's memory.
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
@@ -128,25 +130,9 @@ impl Child {
         Ok(Finished { seconds, output, memory_bytes })
     }
 
-    /// Asks the process to stop, and waits for its end.
+    /// Asks the process to stop, as its service manager would, and waits for its end.
     pub(super) async fn stop(self) -> anyhow::Result<Finished> {
-        ask_to_stop(self.process.0.id())?;
+        kill_process(Pid::from_child(&self.process.0), Signal::TERM)?;
         self.finished().await
     }
-}
-
-/// Peak memory of a process, in bytes. `None` if the process has ended, or the host does not report it.
-fn peak_memory_bytes(process: u32) -> Option<u64> {
-    let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    kib.checked_mul(1024)
-}
-
-/// Asks a process to end, as its service manager would: with SIGTERM.
-fn ask_to_stop(process: u32) -> std::io::Result<()> {
-    use rustix::process::{Pid, Signal, kill_process};
-    let process = i32::try_from(process).ok().and_then(Pid::from_raw);
-    let process = process.ok_or_else(|| std::io::Error::other("not the number of a process"))?;
-    Ok(kill_process(process, Signal::TERM)?)
 }

@@ -1,4 +1,4 @@
-//! Plays a game to its end in memory, and returns the entries that a server would have written.
+//! Plays a game to its end in memory, or makes its end up, and returns the entries that a server would have written.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,13 +21,13 @@ const ROUND: Duration = Duration::from_millis(400);
 const MESSAGES_ONE_IN: u8 = 4;
 
 /// A game to be played, with its keys in the database.
-pub(super) struct NewGame {
-    pub(super) episode: EpisodeKey,
-    pub(super) owner: Option<OwnerKey>,
-    pub(super) run: Option<(RunKey, u32)>,
-    pub(super) spec: Spec,
+pub(crate) struct NewGame {
+    pub(crate) episode: EpisodeKey,
+    pub(crate) owner: Option<OwnerKey>,
+    pub(crate) run: Option<(RunKey, u32)>,
+    pub(crate) spec: Spec,
     /// Time of creation.
-    pub(super) at: Timestamp,
+    pub(crate) at: Timestamp,
 }
 
 impl NewGame {
@@ -49,7 +49,7 @@ impl NewGame {
             model: spec.model.clone(),
             visibility: spec.visibility.name(),
             waiting: false,
-            has_open_seats: false,
+            is_mixed: false,
             has_people: false,
             own_games: false,
             clocked: spec.advances_by_itself(),
@@ -58,6 +58,29 @@ impl NewGame {
             tokens: if run.is_some() { Vec::new() } else { tokens(&spec, entropy) },
         };
         (world, row)
+    }
+
+    /// Opening and end of a game without acts and rounds, with a score that is made up.
+    pub(crate) fn ended(self, entropy: &dyn Entropy, score: f64) -> [Entry; 2] {
+        let (episode, at, counts) = (self.episode, self.at, self.spec.counts());
+        let (world, opening) = self.opening(entropy);
+        let (reason, rounds) = ("rounds_played", world.config().max_round());
+        let (record, head) = last(opening.head, reason, score, rounds);
+        let end = EndRow {
+            episode,
+            status: "finished",
+            reason,
+            head,
+            record,
+            bytes: 0,
+            score,
+            rounds,
+            seed: world.config().seed(),
+            tally: Tally { acts: 1200, invalid: 12, ..Tally::default() },
+            counts,
+            at,
+        };
+        [Entry::Open(Box::new(opening)), Entry::End(end)]
     }
 
     /// Plays the game with random acts. Acts, ids and tokens follow from the entropy.
@@ -110,18 +133,12 @@ impl NewGame {
         }
         let reason = if world.is_done() { "task_done" } else { "rounds_played" };
         let (score, rounds) = (world.score(), world.round());
-        let record = end_record(End {
-            status: "finished".to_owned(),
-            reason: reason.to_owned(),
-            rounds,
-            score,
-            open_acts: Vec::new(),
-        });
+        let (record, head) = last(head, reason, score, rounds);
         entries.push(Entry::End(EndRow {
             episode,
             status: "finished",
             reason,
-            head: head.link(record.as_str().as_bytes()),
+            head,
             record,
             bytes,
             score,
@@ -133,6 +150,19 @@ impl NewGame {
         }));
         entries
     }
+}
+
+/// The last record of a game, and the head of its journal after it.
+fn last(head: Head, reason: &str, score: f64, rounds: u32) -> (RawRecord, Head) {
+    let record = end_record(End {
+        status: "finished".to_owned(),
+        reason: reason.to_owned(),
+        rounds,
+        score,
+        open_acts: Vec::new(),
+    });
+    let head = head.link(record.as_str().as_bytes());
+    (record, head)
 }
 
 /// Tokens of an episode's creator: one for each seat, and one for all seats.

@@ -4,7 +4,7 @@
 //! `game` plays one game; `competition` creates a competition, whose attempts are runs like others.
 
 mod competition;
-mod game;
+pub(crate) mod game;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,10 +18,11 @@ use swarmbench::run::definition::{self, Definition};
 use swarmbench::run::new_id;
 use swarmbench::store::entries::{Entry, RunRow};
 use swarmbench::store::{Location, OpenError, Store, StoreError};
-use swarmbench_clock::{Clock, Entropy, SeededEntropy, SystemClock, after};
+use swarmbench_clock::{Clock, Entropy, SystemClock, after};
 use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::status::Visibility;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
+use swarmbench_testkit::host::SeededEntropy;
 
 use competition::{Competition, OPEN_GAMES, Shape};
 use game::NewGame;
@@ -293,26 +294,14 @@ impl Filling {
     ) -> Result<Vec<Entry>, String> {
         let entropy = random(b'r', run.0.unsigned_abs());
         let at = self.at(first);
-        let id = new_id(at, &entropy);
         let visibility =
             Visibility::parse(&definition.visibility).ok_or("an unknown visibility")?;
-        let row = RunRow {
-            run,
-            id: id.clone(),
-            owner,
-            suite: definition.suite.name.clone(),
-            digest: definition.suite.digest(),
-            definition: serde_json::to_string(definition).expect("string keys"),
-            model: definition.model.clone(),
-            visibility: visibility.name(),
-            attempt,
-            replays: None,
-            closes_at: attempt.and(definition.closes_at),
-            at,
-            idempotency: None,
-            token: Some(Token::new(swarmbench::ids::TokenKind::Swarm, &entropy).hash()),
-        };
-        let mut entries = vec![Entry::OpenRun(Box::new(row))];
+        let row = run_row(run, definition, visibility, at, &entropy);
+        let id = row.id.clone();
+        let row = RunRow { owner, attempt, closes_at: attempt.and(definition.closes_at), ..row };
+        let hash = Token::new(swarmbench::ids::TokenKind::Swarm, &entropy).hash();
+        let token = Entry::ReplaceRunToken { run, holder: None, hash };
+        let mut entries = vec![Entry::OpenRun(Box::new(row)), token];
         let mut end = at;
         for (episode, game) in (first.0..).zip(definition.suite.plan()) {
             let episode = EpisodeKey(episode);
@@ -408,7 +397,33 @@ fn settings() -> SuiteSettings {
     SuiteSettings { num_agents: AGENTS, max_round: ROUNDS, ..SuiteSettings::default() }
 }
 
-fn definition(suite: Suite, model: String) -> Definition {
+/// The row of a run without an owner and without a token.
+pub(crate) fn run_row(
+    run: RunKey,
+    definition: &Definition,
+    visibility: Visibility,
+    at: Timestamp,
+    entropy: &dyn Entropy,
+) -> RunRow {
+    RunRow {
+        run,
+        id: new_id(at, entropy),
+        owner: None,
+        suite: definition.suite.name.clone(),
+        digest: definition.suite.digest(),
+        definition: serde_json::to_string(definition).expect("string keys"),
+        model: definition.model.clone(),
+        visibility: visibility.name(),
+        attempt: None,
+        replays: None,
+        closes_at: None,
+        at,
+        idempotency: None,
+    }
+}
+
+/// A public run in which each game waits as long as it may.
+pub(crate) fn definition(suite: Suite, model: String) -> Definition {
     Definition {
         suite,
         model,
@@ -418,6 +433,7 @@ fn definition(suite: Suite, model: String) -> Definition {
         prompt_template: None,
         prompt_revision: swarmbench_prompt::REVISION,
         player: None,
+        holders: Vec::new(),
         parallel: 4,
         visibility: Visibility::Public.name().to_owned(),
         idle_timeout_ms: IDLE_TIMEOUT_MS,

@@ -14,10 +14,11 @@ use swarmbench::store::Store;
 use swarmbench::store::entries::{ActRow, Entry};
 use swarmbench::store::port::committed;
 use swarmbench::work::Workers;
-use swarmbench_clock::{Clock, ManualClock};
+use swarmbench_clock::Clock;
 use swarmbench_engine::{Act, Action, AgentId, Message, Settings, TaskName};
 use swarmbench_journal::record::{Decision, RawRecord, Source};
 use swarmbench_protocol::episode::CreatedEpisode;
+use swarmbench_testkit::host::ManualClock;
 use tokio_util::sync::CancellationToken;
 
 use crate::server::{self, made::Made};

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use swarmbench::episode::quota::Quotas;
 use swarmbench::episode::registry::Registry;
-use swarmbench::host::{Disk, ManualDisk};
+use swarmbench::host::{Disk, OtherHostsDisk};
 use swarmbench::http::limits::Limits;
 use swarmbench::http::{Access, App, Foundation, Front, Source, serve::serve};
 use swarmbench::ids::Numbers;
@@ -15,7 +15,8 @@ use swarmbench::run::manager::{self, Runs};
 use swarmbench::store::Store;
 use swarmbench::telemetry;
 use swarmbench::work::Workers;
-use swarmbench_clock::{Clock, Entropy, SeededEntropy};
+use swarmbench_clock::{Clock, Entropy};
+use swarmbench_testkit::host::SeededEntropy;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
@@ -27,7 +28,7 @@ pub(crate) async fn start(
 ) -> (SocketAddr, CancellationToken) {
     telemetry::metrics();
     let entropy: Arc<dyn Entropy> = Arc::new(SeededEntropy::new(1));
-    let disk: Arc<dyn Disk> = Arc::new(ManualDisk::new(50));
+    let disk: Arc<dyn Disk> = Arc::new(OtherHostsDisk);
     let limits = Limits::default();
     let quotas = Arc::new(Quotas::new(limits.caps()));
     let journal = Arc::new(store.clone());

@@ -529,6 +529,7 @@ impl Definition {
             prompt_template: declaration.prompt_template.clone(),
             prompt_revision: swarmbench_prompt::REVISION,
             player: None,
+            holders: Vec::new(),
             parallel: self.parallel,
             visibility: Visibility::Sealed.name().to_owned(),
             idle_timeout_ms: self.idle_timeout_ms,

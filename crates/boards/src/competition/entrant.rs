@@ -6,7 +6,7 @@ use swarmbench_prompt::Identity;
 use swarmbench_protocol::carried::Carried;
 
 use super::EntrantStatus;
-use crate::run::{SYSTEM_MESSAGE, reads_prompts};
+use crate::run::{EVALUATION, SYSTEM_MESSAGE, reads_prompts};
 
 /// Maximum characters of a contact.
 pub const CONTACT_CHARS_MAX: usize = 200;
@@ -95,7 +95,8 @@ impl Declaration {
     #[must_use]
     pub fn prompt_name(&self) -> Option<String> {
         let system_message = self.agent_meta.get(SYSTEM_MESSAGE);
-        let prompt = || Identity::declared(self.template_digest(), system_message).to_string();
+        let own = || Identity::declared(self.template_digest(), system_message);
+        let prompt = || own().with_harness(self.agent_meta.get(EVALUATION)).to_string();
         reads_prompts(&self.model, None, &self.agent_meta).then(prompt)
     }
 }

@@ -76,7 +76,7 @@ pub fn rules_seed(seed: &SealedSeed, task: &str) -> Seed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use swarmbench_clock::SeededEntropy;
+    use swarmbench_testkit::host::SeededEntropy;
 
     /// Expected values are from another program: `python3 -c "import hashlib; h = hashlib.sha256(bytes(range(16)));
     /// print(int.from_bytes(h.digest()[:8], 'big') >> 11)"`, and likewise for the commitment.

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use swarmbench_journal::Tally;
 use swarmbench_prompt::Identity;
 use swarmbench_protocol::board::RowDifference;
 use swarmbench_protocol::failure::Failures;
@@ -176,7 +177,9 @@ pub fn result(definition: &Definition, entrant: &Entrant, attempt: &Attempt) -> 
             model: declaration.model.clone(),
             temperature: declaration.temperature,
             top_p: declaration.top_p,
+            sampling: None,
             prompt,
+            holders: Vec::new(),
         },
         status: attempt.status.clone(),
         created_at: attempt.created_at,
@@ -337,23 +340,15 @@ pub fn standings_of(definition: &Definition, entrants: &[(&Entrant, &Played)]) -
 
 /// Values that tie-breaks compare.
 struct Facts {
-    answers: u64,
-    invalid: u64,
-    timeouts: u64,
+    tally: Tally,
     attempts: u32,
     ended_at: Option<Timestamp>,
 }
 
 impl Facts {
     fn of(ranked: &RankedRow, played: Option<&Played>) -> Self {
-        let shown = ranked.shown();
-        let sum = |of: fn(&crate::result::TaskResult) -> u64| {
-            shown.map_or(0, |shown| shown.tasks.iter().map(of).sum())
-        };
         Self {
-            answers: sum(|task| task.answers),
-            invalid: sum(|task| task.invalid),
-            timeouts: sum(|task| task.timeouts),
+            tally: ranked.shown().map(|shown| shown.tally()).unwrap_or_default(),
             attempts: played.map_or(0, |played| played.started),
             ended_at: played.and_then(|played| played.counting.as_ref()?.ended_at),
         }
@@ -366,11 +361,12 @@ impl Facts {
             let times = |part: u64, whole: u64| u128::from(part) * u128::from(whole.max(1));
             times(part, other_whole).cmp(&times(other, whole))
         };
+        let (own, others) = (&self.tally, &other.tally);
         let of = |rule: &TieBreak| match rule {
-            TieBreak::Invalid => share(self.invalid, self.answers, other.invalid, other.answers),
+            TieBreak::Invalid => share(own.invalid, own.acts, others.invalid, others.acts),
             TieBreak::Timeouts => {
-                let moves = |of: &Self| of.answers + of.timeouts;
-                share(self.timeouts, moves(self), other.timeouts, moves(other))
+                let moves = |of: &Tally| of.acts + of.timeouts;
+                share(own.timeouts, moves(own), others.timeouts, moves(others))
             }
             TieBreak::Attempts => self.attempts.cmp(&other.attempts),
             TieBreak::Earliest => {
@@ -411,13 +407,8 @@ fn standing(
     (entrant, played): (&Entrant, &Played),
 ) -> Standing {
     let shown = played.result();
-    let sum = |of: fn(&crate::result::TaskResult) -> u64| {
-        shown.map_or(0, |shown| shown.tasks.iter().map(of).sum())
-    };
-    let mut failures = Failures::EMPTY;
-    for task in shown.iter().flat_map(|shown| &shown.tasks) {
-        failures.add(task.failures);
-    }
+    let tally = shown.map(|shown| shown.tally()).unwrap_or_default();
+    let voided = shown.map_or(0, |shown| shown.tasks.iter().map(|task| task.voided).sum());
     let row = StandingsRow {
         rank,
         entrant: entrant.id.clone(),
@@ -426,11 +417,11 @@ fn standing(
         run_status: shown.map(|shown| shown.run.status.clone()),
         tasks: shown.map_or(Vec::new(), |shown| tasks_of(definition, shown)),
         total: shown.and_then(|shown| shown.total(&view.tasks)),
-        answers: sum(|task| task.answers),
-        invalid: sum(|task| task.invalid),
-        failures,
-        timeouts: sum(|task| task.timeouts),
-        voided_games: u32::try_from(sum(|task| task.voided.into())).unwrap_or(u32::MAX),
+        answers: tally.acts,
+        invalid: tally.invalid,
+        failures: tally.failures,
+        timeouts: tally.timeouts,
+        voided_games: voided,
         attempts: played.over,
         voided_attempts: played.voided,
         decentralization: decentralization(&definition.settings.control)
@@ -438,220 +429,4 @@ fn standing(
     };
     let replays = played.counting.as_ref().and_then(|one| one.replays);
     Standing { row, difference: None, replays }
-}
-
-#[cfg(test)]
-mod tests {
-    use sha2::{Digest, Sha256};
-    use swarmbench_engine::{Seed, TaskName};
-
-    use super::super::definition::tests::{at, definition};
-    use swarmbench_protocol::carried::Carried;
-
-    use super::*;
-
-    fn standings(
-        definition: &Definition,
-        entrants: &[Entrant],
-        attempts: &[Attempt],
-    ) -> Vec<StandingsRow> {
-        let standings = super::standings(definition, entrants, attempts);
-        standings.into_iter().map(|standing| standing.row).collect()
-    }
-    use crate::competition::entrant::Declaration;
-
-    fn entrant(id: &str) -> Entrant {
-        Entrant {
-            id: id.to_owned(),
-            name: format!("team {id}"),
-            declaration: Declaration {
-                model: format!("model {id}"),
-                temperature: None,
-                top_p: None,
-                agent_meta: Carried::default(),
-                prompt_template: None,
-                template: None,
-            },
-            status: EntrantStatus::Active,
-            reason: None,
-            vouched: false,
-            registered_at: at(0),
-            category: None,
-            terms: None,
-            erased: false,
-        }
-    }
-
-    /// An attempt with the same score in all its games.
-    fn attempt(entrant: &str, number: u32, minute: i64, score: f64) -> Attempt {
-        let slot = |task, seed: u32| Slot { task, seed: seed.into() };
-        let plan = [TaskName::Synchronization, TaskName::Foraging]
-            .into_iter()
-            .flat_map(|task| [slot(task, 1), slot(task, 2)])
-            .collect::<Vec<_>>();
-        let game = |slot: &Slot| EndedGame {
-            slot: *slot,
-            score,
-            answers: 10,
-            invalid: 1,
-            failures: Failures::EMPTY,
-            timeouts: 2,
-            voided: false,
-        };
-        Attempt {
-            entrant: entrant.to_owned(),
-            number,
-            replays: None,
-            run: format!("run_{entrant}{number}"),
-            status: "finished".to_owned(),
-            is_over: true,
-            voided: false,
-            created_at: at(minute),
-            ended_at: Some(at(minute + 1)),
-            games: plan.iter().map(game).collect(),
-            plan,
-        }
-    }
-
-    fn order(rows: &[StandingsRow]) -> Vec<(Option<u32>, &str, Option<u32>)> {
-        rows.iter().map(|row| (row.rank, row.entrant.as_str(), row.attempt)).collect()
-    }
-
-    #[test]
-    fn the_attempt_that_counts_is_the_best_the_last_or_the_first() {
-        let entrants = ["a", "b"].map(entrant);
-        // The second attempt of b was started before its first one; both of a's are equal.
-        let attempts = [
-            attempt("a", 1, 10, 2.0),
-            attempt("a", 2, 20, 2.0),
-            attempt("b", 1, 30, 1.0),
-            attempt("b", 2, 25, 3.0),
-        ];
-        let of = |counts| {
-            let definition = Definition { counts, ..definition() };
-            standings(&definition, &entrants, &attempts)
-        };
-        let best = of(Counts::Best);
-        assert_eq!(order(&best), [(Some(1), "b", Some(2)), (Some(2), "a", Some(1))]);
-        assert_eq!((best[0].total, best[0].answers), (Some(6.0), 40));
-        assert_eq!(order(&of(Counts::Last)), [(Some(1), "a", Some(2)), (Some(2), "b", Some(1))]);
-        assert_eq!(order(&of(Counts::First)), [(Some(1), "b", Some(2)), (Some(2), "a", Some(1))]);
-    }
-
-    #[test]
-    fn ranks_are_shared_and_disqualified_entrants_have_none() {
-        let mut entrants = ["a", "b", "c", "d", "e", "f"].map(entrant);
-        entrants[4].status = EntrantStatus::Disqualified;
-        entrants[4].reason = Some("two accounts".to_owned());
-        let attempts = [
-            attempt("a", 1, 10, 1.0),
-            attempt("b", 1, 10, 2.0),
-            attempt("c", 1, 10, 2.0),
-            attempt("d", 1, 10, 3.0),
-            attempt("e", 1, 10, 9.0),
-        ];
-        let rows = standings(&definition(), &entrants, &attempts);
-        assert_eq!(
-            order(&rows),
-            [
-                (Some(1), "d", Some(1)),
-                (Some(2), "b", Some(1)),
-                (Some(2), "c", Some(1)),
-                (Some(4), "a", Some(1)),
-                (None, "f", None),
-                (None, "e", Some(1)),
-            ]
-        );
-        assert_eq!(rows[5].total, Some(18.0), "it is shown");
-    }
-
-    /// The order of equal rows is a part of published files, so it may depend only on what journal.md names.
-    #[test]
-    fn equal_rows_are_in_the_order_of_names_that_never_change() {
-        let mut entrants = ["a", "b", "c", "d"].map(entrant);
-        for one in &mut entrants {
-            one.declaration.model = "model".to_owned();
-            one.declaration.agent_meta = Carried(r#"{"system_message":"hello"}"#.into());
-        }
-        let name = |id: &str| {
-            let mut hash = Sha256::new();
-            for part in [id, "model", "", "", ""] {
-                hash.update((part.len() as u64).to_be_bytes());
-                hash.update(part);
-            }
-            hash.finalize()
-        };
-        let attempts = ["a", "b", "c", "d"].map(|id| attempt(id, 1, 10, 1.0));
-        let rows = standings(&definition(), &entrants, &attempts);
-        let ids: Vec<&str> = rows.iter().map(|row| row.entrant.as_str()).collect();
-        let mut expected = ["a", "b", "c", "d"];
-        expected.sort_by_key(|id| name(id));
-        assert_eq!(ids, expected);
-    }
-
-    #[test]
-    fn an_abandoned_attempt_counts_and_a_voided_one_does_not() {
-        let entrants = [entrant("a")];
-        let mut abandoned = attempt("a", 1, 10, 4.0);
-        abandoned.status = "abandoned".to_owned();
-        abandoned.games.truncate(1);
-        let rows = standings(&definition(), &entrants, &[abandoned.clone()]);
-        // One of two games of the first task was played, none of the second.
-        assert_eq!((rows[0].total, rows[0].run_status.as_deref()), (Some(2.0), Some("abandoned")));
-        let voided = Attempt { voided: true, ..attempt("a", 2, 20, 9.0) };
-        let running = Attempt { is_over: false, ..attempt("a", 2, 30, 9.0) };
-        let rows = standings(&definition(), &entrants, &[abandoned.clone(), voided, running]);
-        assert_eq!((rows[0].total, rows[0].attempts, rows[0].voided_attempts), (Some(2.0), 1, 1));
-        // A single voided game is left out of its mean.
-        abandoned.games[0].voided = true;
-        let rows = standings(&definition(), &entrants, &[abandoned]);
-        assert_eq!((rows[0].total, rows[0].voided_games), (Some(0.0), 1));
-        assert_eq!(rows[0].tasks[0].planned, 1);
-    }
-
-    #[test]
-    fn public_seeds_make_one_board_and_the_others_the_final_one() {
-        let definition = Definition { public_seeds: 1, ..definition() };
-        let mut attempt = attempt("a", 1, 10, 1.0);
-        for game in attempt.games.iter_mut().filter(|game| game.slot.seed == Seed::from(2u32)) {
-            game.score = 5.0;
-        }
-        let of = |part| {
-            let attempts = [attempt.clone().part(&definition, part)];
-            let rows = standings(&definition, &[entrant("a")], &attempts);
-            (rows[0].total, rows[0].tasks[0].planned, rows[0].answers)
-        };
-        assert_eq!(of(Part::Public), (Some(2.0), 1, 20));
-        assert_eq!(of(Part::Final), (Some(10.0), 1, 20));
-        let whole = super::super::definition::tests::definition();
-        assert_eq!(attempt.clone().part(&whole, Part::Final), attempt);
-    }
-
-    #[test]
-    fn tie_breaks_order_equal_totals_one_after_the_other() {
-        let entrants = ["a", "b", "c", "d"].map(entrant);
-        let with = |id: &str, minute, invalid| {
-            let mut attempt = attempt(id, 1, minute, 2.0);
-            attempt.games.iter_mut().for_each(|game| game.invalid = invalid);
-            attempt
-        };
-        // Entrant d is ahead by its total, whatever its answers were.
-        let mut best = with("d", 40, 9);
-        best.games.iter_mut().for_each(|game| game.score = 3.0);
-        let attempts = [with("a", 30, 2), with("b", 20, 1), with("c", 20, 2), best];
-        let ranks = |tie_breaks: &[TieBreak]| {
-            let definition = Definition { tie_breaks: tie_breaks.to_vec(), ..definition() };
-            let rows = standings(&definition, &entrants, &attempts);
-            rows.iter().map(|row| (row.rank, row.entrant.clone())).collect::<Vec<_>>()
-        };
-        let of =
-            |ranks: [(u32, &str); 4]| ranks.map(|(rank, id)| (Some(rank), id.to_owned())).to_vec();
-        assert_eq!(ranks(&[]), of([(1, "d"), (2, "a"), (2, "b"), (2, "c")]));
-        assert_eq!(ranks(&[TieBreak::Invalid]), of([(1, "d"), (2, "b"), (3, "a"), (3, "c")]));
-        let both = [TieBreak::Invalid, TieBreak::Earliest];
-        assert_eq!(ranks(&both), of([(1, "d"), (2, "b"), (3, "c"), (4, "a")]));
-        let both = [TieBreak::Earliest, TieBreak::Invalid];
-        assert_eq!(ranks(&both), of([(1, "d"), (2, "b"), (3, "c"), (4, "a")]));
-        assert_eq!(ranks(&[TieBreak::Earliest]), of([(1, "d"), (2, "b"), (2, "c"), (4, "a")]));
-    }
 }

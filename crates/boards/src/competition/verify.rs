@@ -23,9 +23,9 @@ use super::sealed::{SALT_BYTES, SEED_BYTES, Sealed};
 use super::standings::{Attempt, Part, StandingsRow, standings};
 use crate::run::Definition as RunDefinition;
 use crate::{EndedGame, Slot};
+use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::replay::{self, JournalReport, check_line, not_a_record};
-use swarmbench_protocol::failure::Failures;
 use swarmbench_protocol::status::RunStatus;
 use swarmbench_protocol::suite::PlannedGame;
 
@@ -505,10 +505,7 @@ impl<'a> Checker<'a> {
             let unknown = EndedGame {
                 slot,
                 score: 0.0,
-                answers: 0,
-                invalid: 0,
-                failures: Failures::EMPTY,
-                timeouts: 0,
+                tally: Tally::default(),
                 voided: game.voided.is_some(),
             };
             attempt.games.push(unknown);
@@ -573,10 +570,7 @@ impl<'a> Checker<'a> {
         self.episodes += 1;
         self.rounds += u64::from(played.rounds);
         known.score = played.score;
-        known.answers = played.tally.acts;
-        known.invalid = played.tally.invalid;
-        known.failures = played.tally.failures;
-        known.timeouts = played.tally.timeouts;
+        known.tally = played.tally;
         Ok(())
     }
 

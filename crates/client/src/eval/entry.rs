@@ -179,9 +179,8 @@ impl Entry {
             compare("the prompt template with the digest", prompt_template.clone(), digest);
         }
         if self.tells_system() {
-            let declared = prompt.split_once(SYSTEM_PREFIX).map(|(_, digest)| digest.to_owned());
-            let is = planned.prompt().to_string();
-            let is = is.split_once(SYSTEM_PREFIX).map(|(_, digest)| digest.to_owned());
+            let declared = system_of(prompt);
+            let is = system_of(&planned.prompt().to_string());
             compare("a system message with the digest", declared, is);
         }
         found
@@ -198,8 +197,13 @@ impl Entry {
         let Who::Model(model) = &planned.who else { return Vec::new() };
         let options = [
             ("--system", model.system.is_some() && !self.tells_system()),
-            ("--max-tokens", model.max_tokens.is_some()),
+            ("--max-tokens", model.sampling.max_tokens.is_some()),
+            ("--max-completion-tokens", model.sampling.max_completion_tokens.is_some()),
+            ("--effort", model.sampling.effort.is_some()),
+            ("--thinking-budget", model.sampling.thinking_budget.is_some()),
+            ("--reasoning-summary", model.sampling.reasoning_summary.is_some()),
             ("--extra", !model.extra.is_empty()),
+            ("the harness", model.harness.meta("").is_some()),
         ];
         options.into_iter().filter(|(_, is_said)| *is_said).map(|(name, _)| name).collect()
     }
@@ -247,6 +251,12 @@ impl Entry {
             }
         })
     }
+}
+
+/// The digest of the system message in the name of a prompt. The harness may follow it.
+fn system_of(prompt: &str) -> Option<String> {
+    let (_, digest) = prompt.split_once(SYSTEM_PREFIX)?;
+    digest.split('+').next().map(str::to_owned)
 }
 
 /// The address of something of a competition.

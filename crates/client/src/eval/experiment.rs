@@ -10,63 +10,113 @@ use serde::de::{Error, MapAccess};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
-use crate::llm::Api;
+pub use crate::llm::Price;
+use crate::llm::{Api, Budget};
 
+pub use super::harness::{AnswerShape, HarnessPlan};
 pub use super::list::{Item, List};
 pub use super::system::SystemMessage;
 
-/// An experiment, from a file or the command line. Every field has a default; the command line overrides the file.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Experiment {
-    /// The name of the experiment.
-    pub name: Option<String>,
-    /// The purpose of the experiment.
-    pub description: Option<String>,
-    /// The tasks; `all` for all five. By default models play all, and built-in players those that they can play.
-    pub tasks: Option<List<String>>,
-    /// Seeds and ranges of seeds; by default those of the paper.
-    pub seeds: Option<List<Seeds>>,
-    /// Language models.
-    pub models: Option<List<ModelEntry>>,
-    /// Built-in players: their names, `default` for the best of each task, `all` for all.
-    pub players: Option<List<String>>,
-    /// The seed of built-in players' own choices; 1 by default.
-    pub player_seed: Option<u64>,
-    /// The endpoint of models that name none.
-    pub api_base: Option<String>,
-    /// The environment variable with the key of that endpoint.
-    pub api_key_env: Option<String>,
-    /// The interface of that endpoint.
-    pub api: Option<Api>,
-    /// Further headers for that endpoint, by name; `$NAME` is an environment variable.
-    pub headers: Option<BTreeMap<String, String>>,
-    /// The maximum number of tokens of an answer, for models that set none.
-    pub max_tokens: Option<u64>,
-    /// Further fields of each request, for models that set none.
-    pub extra: Option<Map<String, Value>>,
-    /// The system message of models that set none.
-    pub system: Option<SystemMessage>,
-    /// A file with a prompt template, or the name `toolkit`.
-    pub prompt_template: Option<PathBuf>,
-    /// The settings of all games.
-    pub settings: Axes,
-    /// Groups of settings: each overrides `settings`.
-    pub vary: Vec<Axes>,
-    /// Games that are open at a time.
-    pub parallel: Option<u32>,
-    /// Concurrent requests to each endpoint.
-    pub requests: Option<u32>,
-    /// Models of one endpoint that play at the same time.
-    pub models_at_once: Option<u32>,
-    /// The token budget.
-    pub budget: Option<u64>,
-    /// The share of answers failing in one way above which a run stops; 1 for never.
-    pub stop_share: Option<f64>,
-    /// The price of tokens, for models that name none.
-    pub price: Option<Price>,
-    /// The shape of the board.
-    pub board: Option<Shape>,
+/// Defines a table of a file with the settings of models after its own fields.
+macro_rules! with_model_settings {
+    ($(#[$meta:meta])* pub struct $name:ident { $($own:tt)* }) => {
+        with_model_settings! {
+            @ $(#[$meta])* $name { $($own)* }
+            /// The endpoint.
+            api_base: String,
+            /// The environment variable with the key of that endpoint.
+            api_key_env: String,
+            /// The interface of that endpoint.
+            api: Api,
+            /// Further headers for that endpoint, by name; `$NAME` is an environment variable.
+            headers: BTreeMap<String, String>,
+            /// The maximum number of tokens of an answer.
+            max_tokens: u64,
+            /// The same limit by its newer name.
+            max_completion_tokens: u64,
+            /// The effort of the reasoning.
+            effort: String,
+            /// The tokens of reasoning.
+            thinking_budget: u64,
+            /// The summary of the reasoning.
+            reasoning_summary: String,
+            /// True if streams are asked for.
+            stream: bool,
+            /// Further fields of each request.
+            extra: Map<String, Value>,
+            /// The system message.
+            system: SystemMessage,
+            /// The price of tokens.
+            price: Price,
+        }
+    };
+    (@ $(#[$meta:meta])* $name:ident { $($own:tt)* } $($(#[$doc:meta])* $setting:ident: $type:ty,)*) => {
+        $(#[$meta])*
+        pub struct $name {
+            $($own)*
+            $($(#[$doc])* pub $setting: Option<$type>,)*
+            /// The harness.
+            pub harness: HarnessPlan,
+        }
+
+        impl $name {
+            /// Takes the settings of models that are left out from `base`.
+            pub(super) fn fill(&mut self, base: &Experiment) {
+                let limits = (self.max_tokens, self.max_completion_tokens);
+                $(if self.$setting.is_none() {
+                    self.$setting.clone_from(&base.$setting);
+                })*
+                if limits != (None, None) {
+                    // The two limits are one.
+                    (self.max_tokens, self.max_completion_tokens) = limits;
+                }
+                self.harness = self.harness.over(&base.harness);
+            }
+        }
+    };
+}
+
+with_model_settings! {
+    /// An experiment, from a file or the command line. Every field has a default; the command line overrides the file. Its
+    /// settings of models are for those that leave them out.
+    #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    pub struct Experiment {
+        /// The name of the experiment.
+        pub name: Option<String>,
+        /// The purpose of the experiment.
+        pub description: Option<String>,
+        /// The tasks; `all` for all five. By default models play all, and built-in players those that they can play.
+        pub tasks: Option<List<String>>,
+        /// Seeds and ranges of seeds; by default those of the paper.
+        pub seeds: Option<List<Numbers>>,
+        /// Language models.
+        pub models: Option<List<ModelEntry>>,
+        /// Built-in players: their names, `default` for the best of each task, `all` for all.
+        pub players: Option<List<String>>,
+        /// Teams: several players on the seats of one swarm. Models that a team names do not play alone.
+        pub teams: Vec<TeamEntry>,
+        /// The seed of built-in players' own choices; 1 by default.
+        pub player_seed: Option<u64>,
+        /// A file with a prompt template, or the name `toolkit` or `static-first`.
+        pub prompt_template: Option<PathBuf>,
+        /// The settings of all games.
+        pub settings: Axes,
+        /// Groups of settings: each overrides `settings`.
+        pub vary: Vec<Axes>,
+        /// Games that are open at a time.
+        pub parallel: Option<u32>,
+        /// Concurrent requests to each endpoint.
+        pub requests: Option<u32>,
+        /// Models of one endpoint that play at the same time.
+        pub models_at_once: Option<u32>,
+        /// The budget of tokens or of money.
+        pub budget: Option<Budget>,
+        /// The share of answers failing in one way above which a run stops; 1 for never.
+        pub stop_share: Option<f64>,
+        /// The shape of the board.
+        pub board: Option<Shape>,
+    }
 }
 
 /// Lists of settings, which multiply. The default is the standard setting.
@@ -109,7 +159,7 @@ pub struct Axes {
     #[arg(long, value_delimiter = ',', value_name = "ROUNDS")]
     #[serde(deserialize_with = "list")]
     pub max_delay: Vec<i64>,
-    /// The reader of answers: last-marker or first-marker (last-marker).
+    /// The reader of answers: last-marker, first-marker or json (last-marker).
     #[arg(long, value_delimiter = ',', value_name = "READER")]
     #[serde(deserialize_with = "list")]
     pub answer_reader: Vec<String>,
@@ -155,10 +205,14 @@ impl Experiment {
     /// The experiment overridden by options of the command line, which also override groups of settings. Options that
     /// name players replace all players of the file.
     #[must_use]
-    pub fn with(self, said: Self) -> Self {
+    pub fn with(self, mut said: Self) -> Self {
+        said.fill(&self);
         let says_who = said.models.is_some() || said.players.is_some();
-        let (models, players) =
-            if says_who { (said.models, said.players) } else { (self.models, self.players) };
+        let (models, players, teams) = if says_who {
+            (said.models, said.players, said.teams)
+        } else {
+            (self.models, self.players, self.teams)
+        };
         Self {
             name: said.name.or(self.name),
             description: said.description.or(self.description),
@@ -166,14 +220,8 @@ impl Experiment {
             seeds: said.seeds.or(self.seeds),
             models,
             players,
+            teams,
             player_seed: said.player_seed.or(self.player_seed),
-            api_base: said.api_base.or(self.api_base),
-            api_key_env: said.api_key_env.or(self.api_key_env),
-            api: said.api.or(self.api),
-            headers: said.headers.or(self.headers),
-            max_tokens: said.max_tokens.or(self.max_tokens),
-            extra: said.extra.or(self.extra),
-            system: said.system.or(self.system),
             prompt_template: said.prompt_template.or(self.prompt_template),
             vary: (self.vary.into_iter()).map(|group| said.settings.clone().over(&group)).collect(),
             settings: said.settings.over(&self.settings),
@@ -182,8 +230,8 @@ impl Experiment {
             models_at_once: said.models_at_once.or(self.models_at_once),
             budget: said.budget.or(self.budget),
             stop_share: said.stop_share.or(self.stop_share),
-            price: said.price.or(self.price),
             board: said.board.or(self.board),
+            ..said
         }
     }
 }
@@ -199,75 +247,74 @@ pub enum Shape {
     Long,
 }
 
-/// A model.
+with_model_settings! {
+    /// A model. Settings that it leaves out are those of the experiment.
+    #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    pub struct ModelEntry {
+        /// The name on boards.
+        pub name: String,
+        /// The name at the endpoint, if that is another.
+        pub model: Option<String>,
+        /// Concurrent requests to this model, beside those to other models of the endpoint.
+        pub requests: Option<u32>,
+        /// The temperature, which overrides the settings.
+        pub temperature: Option<f64>,
+        /// The nucleus of sampling, which overrides the settings.
+        pub top_p: Option<f64>,
+    }
+}
+
+/// A team, or a set of teams: one of `members`, `substitute` and `focal`. A player is named like a model, as `built-in/NAME`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct ModelEntry {
-    /// The name on boards.
-    pub name: String,
-    /// The name at the endpoint, if that is another.
-    pub model: Option<String>,
-    /// The endpoint.
-    pub api_base: Option<String>,
-    /// The environment variable with the key of that endpoint.
-    pub api_key_env: Option<String>,
-    /// The interface of that endpoint.
-    pub api: Option<Api>,
-    /// Further headers for that endpoint, by name; `$NAME` is an environment variable.
-    pub headers: Option<BTreeMap<String, String>>,
-    /// Concurrent requests to this model, beside those to other models of the endpoint.
-    pub requests: Option<u32>,
-    /// The temperature, which overrides the settings.
-    pub temperature: Option<f64>,
-    /// The nucleus of sampling, which overrides the settings.
-    pub top_p: Option<f64>,
-    /// The maximum number of tokens of an answer.
-    pub max_tokens: Option<u64>,
-    /// Further fields of each request.
-    pub extra: Option<Map<String, Value>>,
-    /// The system message.
-    pub system: Option<SystemMessage>,
-    /// The price of its tokens.
-    pub price: Option<Price>,
+pub struct TeamEntry {
+    /// The name on boards, of a team with `members`; it follows from these by default.
+    pub name: Option<String>,
+    /// Who plays which seats.
+    pub members: Vec<MemberEntry>,
+    /// A team for each number of seats in which one player is replaced by another.
+    pub substitute: Option<Substitute>,
+    /// A team of each focal model with each background, and each background alone.
+    pub focal: Option<Focal>,
 }
 
-/// A price of tokens, in any currency.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+/// A member of a team: a model or a built-in player.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Price {
-    /// The price of a million tokens of prompts.
-    pub input: f64,
-    /// The price of a million tokens of answers.
-    pub output: f64,
+pub struct MemberEntry {
+    /// The name within the team; that of the player by default.
+    pub name: Option<String>,
+    /// One of `models`, by its name.
+    pub model: Option<String>,
+    /// A built-in player, which the server plays; `default` is that of each task.
+    pub player: Option<String>,
+    /// The numbers of its seats.
+    pub seats: List<Numbers>,
 }
 
-impl Price {
-    /// The cost of these tokens.
-    #[must_use]
-    pub fn of(&self, prompt_tokens: u64, completion_tokens: u64) -> f64 {
-        #[expect(clippy::cast_precision_loss, reason = "prices are rounded anyway")]
-        let cost = |tokens: u64, price: f64| tokens as f64 * price / 1e6;
-        cost(prompt_tokens, self.input) + cost(completion_tokens, self.output)
-    }
-
-    /// True if both prices are finite and at least 0.
-    #[must_use]
-    pub fn is_sane(&self) -> bool {
-        [self.input, self.output].iter().all(|price| price.is_finite() && *price >= 0.0)
-    }
+/// The replacement of one player by another, seat by seat.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Substitute {
+    /// The player that is replaced.
+    pub of: String,
+    /// The player that replaces it.
+    pub by: String,
+    /// Numbers of replaced seats; from 0 to all by default.
+    pub k: Option<List<Numbers>>,
 }
 
-impl FromStr for Price {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers = text.split_once(',').and_then(|(input, output)| {
-            Some(Self { input: input.trim().parse().ok()?, output: output.trim().parse().ok()? })
-        });
-        numbers.filter(Self::is_sane).ok_or_else(|| {
-            "a price is two numbers, of a million tokens of prompts and of answers, like 0.15,0.6".to_owned()
-        })
-    }
+/// Focal models, each of which plays some seats in the swarms of others.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Focal {
+    /// The focal models.
+    pub models: List<String>,
+    /// The models that play the other seats.
+    pub backgrounds: List<String>,
+    /// The number of seats of a focal model.
+    pub seats: u16,
 }
 
 impl ModelEntry {
@@ -282,31 +329,31 @@ fn list<'de, D: Deserializer<'de>, T: Item>(deserializer: D) -> Result<Vec<T>, D
     List::deserialize(deserializer).map(|List(values)| values)
 }
 
-/// A range of seeds, both ends included.
+/// A range of seeds or of seats, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Seeds {
+pub struct Numbers {
     /// The first.
     pub from: u64,
     /// The last.
     pub last: u64,
 }
 
-/// Seeds of one range: no run has more games.
-const SEEDS_MAX: u64 = 1000;
+/// Maximum numbers of a range: no run has more games.
+const NUMBERS_MAX: u64 = 1000;
 
-impl FromStr for Seeds {
+impl FromStr for Numbers {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
         let number = |text: &str| {
             text.trim().parse::<u64>().map_err(|_| {
-                "a seed is a number from 0 to 9007199254740991, a range of them is like 0..20"
+                "a number is from 0 to 9007199254740991, and a range of them is like 0..20"
                     .to_owned()
             })
         };
         let Some((from, to)) = text.split_once("..") else {
-            let seed = number(text)?;
-            return Ok(Self { from: seed, last: seed });
+            let only = number(text)?;
+            return Ok(Self { from: only, last: only });
         };
         let from = number(from)?;
         let end = match to.strip_prefix('=') {
@@ -315,18 +362,18 @@ impl FromStr for Seeds {
         };
         match end.checked_sub(from) {
             None | Some(0) => {
-                Err(format!("there is no seed in {text}; 0..20 are the seeds 0 to 19"))
+                Err(format!("there is no number in {text}; 0..20 are the numbers 0 to 19"))
             }
-            Some(1..=SEEDS_MAX) => Ok(Self { from, last: end - 1 }),
+            Some(1..=NUMBERS_MAX) => Ok(Self { from, last: end - 1 }),
             Some(count) => {
-                Err(format!("{text} are {count} seeds; a run has at most {SEEDS_MAX} games"))
+                Err(format!("{text} are {count} numbers; a range has at most {NUMBERS_MAX}"))
             }
         }
     }
 }
 
-impl Item for Seeds {
-    const WHAT: &'static str = "a seed or a range of them like \"0..20\"";
+impl Item for Numbers {
+    const WHAT: &'static str = "a number or a range of them like \"0..20\", which is 0 to 19";
     const EXPECTED: &'static str = "a whole number or a text";
 
     fn integer<E: Error>(value: i128) -> Result<Self, E> {

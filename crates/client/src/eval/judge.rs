@@ -87,13 +87,13 @@ pub const fn advice(kind: Failure) -> &'static str {
             "turn the filter of the endpoint off or ask another endpoint, or use another --prompt-template"
         }
         Failure::Truncated => {
-            "raise --max-tokens, or let the model reason less, for example with --extra '{\"reasoning_effort\": \"low\"}'"
+            "raise --max-tokens or --max-completion-tokens, or let the model reason less, for example with --effort low"
         }
         Failure::ToolCall => {
             "turn tools off, for example with --extra '{\"tool_choice\": \"none\"}'"
         }
         Failure::ReasoningOnly => {
-            "turn reasoning off or down with --extra, or raise --max-tokens, so that the model comes to its answer"
+            "turn reasoning down with --effort or off with --extra, or raise --max-tokens, so that the model comes to its answer"
         }
         Failure::Rejected => {
             "make prompts shorter with a smaller --view-size or --memory, or raise the context that the endpoint serves"

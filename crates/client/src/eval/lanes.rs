@@ -22,10 +22,11 @@ struct Lane {
 }
 
 /// The lanes of a plan, in the order of their first runs.
-fn lanes(plan: &Plan, models: &[Option<Model>]) -> Vec<Lane> {
+fn lanes(plan: &Plan, models: &[Vec<Model>]) -> Vec<Lane> {
     let mut lanes: Vec<Lane> = Vec::new();
     for (number, planned) in plan.runs.iter().enumerate() {
-        let server = models[number].as_ref().map(Model::server);
+        // A team plays at the endpoint of its first model; all share the limits of their endpoints.
+        let server = models[number].first().map(Model::server);
         let at = lanes.iter().position(|lane| lane.server == server).unwrap_or_else(|| {
             lanes.push(Lane { server, players: Vec::new() });
             lanes.len() - 1
@@ -41,7 +42,7 @@ fn lanes(plan: &Plan, models: &[Option<Model>]) -> Vec<Lane> {
 
 /// The maximum number of runs of a plan that are played at the same time.
 #[must_use]
-pub fn runs_at_once(plan: &Plan, models: &[Option<Model>], models_at_once: usize) -> usize {
+pub fn runs_at_once(plan: &Plan, models: &[Vec<Model>], models_at_once: usize) -> usize {
     let lanes = lanes(plan, models);
     lanes.iter().take(LANES_MAX).map(|lane| lane.players.len().min(models_at_once)).sum()
 }
@@ -54,7 +55,7 @@ impl Conductor<'_> {
     pub async fn conduct_all(
         &self,
         plan: &Plan,
-        models: &[Option<Model>],
+        models: &[Vec<Model>],
         models_at_once: usize,
         watch: &mut dyn FnMut(usize, News<'_>),
     ) -> Vec<(usize, StopReason)> {
@@ -67,13 +68,13 @@ impl Conductor<'_> {
                 if is_over.get() || is_closed.get() || self.stop.is_cancelled() {
                     return;
                 }
-                let model = models[number].clone();
                 let ended = self
-                    .conduct(&plan.runs[number], model, &mut |news| {
+                    .conduct(&plan.runs[number], models[number].clone(), &mut |news| {
                         watch.borrow_mut()(number, news);
                     })
                     .await;
                 if let Err(reason) = ended {
+                    watch.borrow_mut()(number, News::Stopped);
                     match reason.reach() {
                         Reach::Player => {}
                         Reach::Endpoint => is_closed.set(true),
@@ -95,7 +96,9 @@ impl Conductor<'_> {
         failures.sort_by_key(|(number, _)| *number);
         for (number, reason) in &mut failures {
             // Answers that were in flight when the run failed have been paid for meanwhile, and by all runs together.
-            if let (StopReason::Budget { spent, .. }, Some(model)) = (reason, &models[*number]) {
+            if let (StopReason::Budget { spent, .. }, Some(model)) =
+                (reason, models[*number].first())
+            {
                 *spent = model.spent_of_budget();
             }
         }

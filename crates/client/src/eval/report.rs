@@ -7,7 +7,7 @@ use serde_json::Value;
 use swarmbench_engine::{Seed, TaskName};
 
 use super::experiment::Shape;
-use super::plan::{Plan, Planned, Who, setting_text};
+use super::plan::{Plan, Planned, setting_text};
 use swarmbench_journal::Tally;
 use swarmbench_journal::record::Source;
 use swarmbench_protocol::act::{Receipt, SwarmAct};
@@ -39,10 +39,14 @@ pub struct ExperimentRow {
     pub model: String,
     /// True if the player is a language model, not a built-in player.
     pub is_model: bool,
-    /// The prompt of a language model: `default`, `toolkit`, `custom:` and a digest; `None` for built-in players.
+    /// The prompt of a language model: `default`, `toolkit`, `custom:` and a digest; in a team with the name of each model, where
+    /// they differ; `None` for built-in players.
     pub prompt: Option<String>,
     /// The reader of its answers.
     pub answer_reader: String,
+    /// The sampling beside temperature and `top_p`; `None` if nothing was set.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sampling: Option<String>,
     /// The values of the varied settings, in the order of the report.
     pub varied: Vec<Option<Value>>,
     /// The id of the run.
@@ -60,9 +64,12 @@ pub struct ExperimentRow {
     pub total: Option<f64>,
     /// Counts of its acts: those of games that have ended, and those that this call sent in the others.
     pub acts: ActTally,
-    /// The cost of its tokens, if their price is known.
+    /// The cost in US dollars: as its acts have it, or else of its tokens by their price, if it is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cost: Option<f64>,
+    /// True if all answers of models have a cost; otherwise the cost is less than the whole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cost_is_whole: Option<bool>,
     /// True if a replay of all journals gave the same results.
     pub verified: bool,
 }
@@ -108,7 +115,7 @@ impl SentActs {
     pub fn note(&mut self, act: &SwarmAct, receipt: &Receipt) {
         if !receipt.duplicate {
             let tally = self.0.entry(act.episode.clone()).or_default();
-            tally.count(Source::Player, receipt.valid, receipt.failure, act.usage);
+            tally.count(Source::Player, receipt.valid, receipt.failure, act.usage.as_ref());
         }
     }
 
@@ -122,6 +129,7 @@ impl SentActs {
             acts.failures.add(tally.failures);
             acts.prompt_tokens = acts.prompt_tokens.saturating_add(tally.prompt_tokens);
             acts.completion_tokens = acts.completion_tokens.saturating_add(tally.completion_tokens);
+            acts.usage.add(&tally.usage);
         }
         #[expect(clippy::cast_precision_loss, reason = "nobody sends 2⁵³ acts")]
         let share = (acts.sent > 0).then(|| acts.invalid as f64 / acts.sent as f64);
@@ -158,6 +166,11 @@ impl ExperimentReport {
         self.rows.iter().any(|row| row.cost.is_some())
     }
 
+    /// True if the further sampling of a model was set.
+    fn has_samplings(&self) -> bool {
+        self.rows.iter().any(|row| row.sampling.is_some())
+    }
+
     /// The reasons why answers did not count: a line for each run with such answers, the most frequent reason first.
     #[must_use]
     pub fn reasons(&self) -> Vec<String> {
@@ -180,6 +193,7 @@ impl ExperimentReport {
     pub fn table(&self, shape: Shape) -> (Vec<String>, Vec<Vec<String>>) {
         let mut headings = vec!["model".to_owned()];
         headings.extend(self.varied.iter().map(|axis| axis.replace('_', " ")));
+        headings.extend(self.has_samplings().then(|| "sampling".to_owned()));
         let mut add = |names: &[&str]| headings.extend(names.iter().map(|&name| name.to_owned()));
         let rows = match shape {
             Shape::Wide => {
@@ -198,14 +212,20 @@ impl ExperimentReport {
             }
             Shape::Long => {
                 add(&["task", "mean ± deviation", "least", "most", "games", "seeds"]);
-                self.rows.iter().flat_map(Self::long).collect()
+                self.rows.iter().flat_map(|row| self.long(row)).collect()
             }
         };
         (headings, rows)
     }
 
+    /// The player, the varied settings and the further sampling.
+    fn named(&self, row: &ExperimentRow) -> Vec<String> {
+        let sampling = self.has_samplings().then(|| row.sampling.clone().unwrap_or_default());
+        row.name().into_iter().chain(sampling).collect()
+    }
+
     fn wide(&self, row: &ExperimentRow) -> Vec<String> {
-        let mut cells = row.name();
+        let mut cells = self.named(row);
         for task in &self.tasks {
             let cell = row.tasks.iter().find(|cell| cell.task == *task);
             cells.push(cell.map_or_else(String::new, Cell::score));
@@ -227,14 +247,15 @@ impl ExperimentReport {
             );
         }
         if self.has_costs() {
-            cells.push(number(row.cost));
+            let mark = if row.cost_is_whole == Some(false) { "≥" } else { "" };
+            cells.push(row.cost.map_or_else(String::new, |cost| format!("{mark}{cost:.2}")));
         }
         cells
     }
 
-    fn long(row: &ExperimentRow) -> Vec<Vec<String>> {
+    fn long(&self, row: &ExperimentRow) -> Vec<Vec<String>> {
         let line = |cell: &Cell| {
-            let mut cells = row.name();
+            let mut cells = self.named(row);
             cells.extend([
                 cell.task.clone(),
                 cell.score(),
@@ -274,7 +295,8 @@ impl ExperimentReport {
                  run_prompt_tokens run_completion_tokens run_cost prompt",
             ))
             .chain(shows_reader.then(|| "answer_reader".to_owned()))
-            .chain(Failures::columns().map(|column| format!("run_{column}")));
+            .chain(Failures::columns().map(|column| format!("run_{column}")))
+            .chain(names("sampling"));
         let full =
             |number: Option<f64>| number.map_or_else(String::new, |number| number.to_string());
         let line = |row: &ExperimentRow, cell: &Cell| {
@@ -301,6 +323,7 @@ impl ExperimentReport {
             ]);
             cells.extend(shows_reader.then(|| row.answer_reader.clone()));
             cells.extend(row.acts.failures.cells());
+            cells.push(text(row.sampling.as_deref().unwrap_or_default()));
             cells
         };
         let lines =
@@ -315,6 +338,21 @@ impl ExperimentReport {
         json.push('\n');
         json
     }
+}
+
+/// The cost of the acts of a run, and whether it is the whole: the sum of what is known, or else by a price that all models have.
+fn cost(planned: &Planned, acts: &ActTally) -> Option<(f64, bool)> {
+    let models = planned.models();
+    let Some(known) = acts.usage.cost_usd() else {
+        let (first, _) = models.first()?;
+        let price =
+            first.price.filter(|_| models.iter().all(|(model, _)| model.price == first.price))?;
+        return Some((price.of(acts.prompt_tokens, acts.completion_tokens), true));
+    };
+    // Seats that the server plays act as often as the others, and cost nothing.
+    let seats: usize = models.iter().map(|(_, seats)| *seats).sum();
+    let all = u64::try_from(planned.suite.settings.num_agents).unwrap_or(1).max(1);
+    Some((known, acts.usage.priced >= acts.sent * seats as u64 / all))
 }
 
 impl ExperimentRow {
@@ -337,12 +375,14 @@ impl ExperimentRow {
             }
         };
         let acts = sent.with_ended(run);
+        let cost = cost(planned, &acts);
         let plays = |task: &TaskName| run.run.suite.tasks.iter().any(|own| own == task.name());
         Self {
             model: planned.name(),
-            is_model: matches!(planned.who, Who::Model(_)),
-            prompt: matches!(planned.who, Who::Model(_)).then(|| planned.prompt().to_string()),
+            is_model: !planned.models().is_empty(),
+            prompt: planned.prompts(),
             answer_reader: planned.suite.settings.answer_reader.clone(),
+            sampling: planned.further_sampling(),
             varied: plan.varied.iter().map(|axis| planned.value(axis)).collect(),
             run: run.run.id.clone(),
             status: run.run.status.clone(),
@@ -350,12 +390,8 @@ impl ExperimentRow {
             seeds_shown: planned.seeds(),
             tasks: run.run.tasks.iter().map(cell).collect(),
             total: run.run.total.filter(|_| plan.tasks.iter().all(plays)),
-            cost: match &planned.who {
-                Who::Model(model) => {
-                    model.price.map(|price| price.of(acts.prompt_tokens, acts.completion_tokens))
-                }
-                Who::Player(_) => None,
-            },
+            cost: cost.map(|(cost, _)| cost),
+            cost_is_whole: cost.map(|(_, is_whole)| is_whole),
             acts,
             verified: *verified,
         }

@@ -88,9 +88,11 @@ impl StopReason {
                 Stop::WrongKey { .. }
                 | Stop::NoCredit { .. }
                 | Stop::Elsewhere { .. }
-                | Stop::OnlyStreams { .. }
                 | Stop::Unreachable { .. } => Reach::Endpoint,
-                Stop::Cassette { .. } | Stop::BudgetSpent { .. } | Stop::Interrupted => Reach::All,
+                Stop::Cassette { .. }
+                | Stop::BudgetSpent { .. }
+                | Stop::MoneySpent { .. }
+                | Stop::Interrupted => Reach::All,
                 Stop::Forbidden { .. }
                 | Stop::NotFound { .. }
                 | Stop::BadRequest { .. }
@@ -114,7 +116,10 @@ impl StopReason {
             Self::Client(error) => error.is_temporary(),
             Self::Model(stop) => matches!(
                 stop,
-                Stop::NoCredit { .. } | Stop::Unreachable { .. } | Stop::ComeLater { .. }
+                Stop::NoCredit { .. }
+                    | Stop::Unreachable { .. }
+                    | Stop::ComeLater { .. }
+                    | Stop::MoneySpent { .. }
             ),
             Self::Ended { .. } | Self::NotStarted(_) | Self::AttemptOver(_) | Self::Play(_) => {
                 false

@@ -4,7 +4,7 @@ use futures::{StreamExt, TryStreamExt, stream};
 use swarmbench_engine::TaskName;
 use swarmbench_engine::physics::Solver;
 
-use super::plan::Planned;
+use super::plan::{Planned, Who};
 use crate::client::{Client, ClientError};
 use swarmbench_boards::result::mean_and_deviation;
 use swarmbench_journal::chain::Head;
@@ -135,6 +135,16 @@ async fn check(
     }
     if report.opening.config.model != planned.name() {
         return Err(wrong(format!("it was played by {:?}", report.opening.config.model)));
+    }
+    if let Who::Team(team) = &planned.who {
+        // A journal whose seats were not held as its opening says does not verify.
+        let held = report.opening.config.holders.into_iter();
+        let held: Vec<_> = held.map(|of| (of.name, of.model, of.seats)).collect();
+        let planned = team.members.iter().map(|of| (of.name.clone(), of.shown(), of.seats.clone()));
+        let planned: Vec<_> = planned.collect();
+        if held != planned {
+            return Err(wrong(format!("it was played by {held:?}, and {planned:?} was planned")));
+        }
     }
     let shown = (shown.score, result.score, result.rounds);
     if shown != (report.score, report.score, report.rounds) {

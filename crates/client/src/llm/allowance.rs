@@ -1,10 +1,10 @@
-//! Limits of one evaluation: concurrent requests at each endpoint, and tokens in total.
+//! Limits of one evaluation: concurrent requests at each endpoint, and tokens or money in total.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::{CancellationToken, WaitForCancellationFuture};
 
 use super::gate::Gate;
@@ -20,10 +20,47 @@ struct Inner {
     at_once: usize,
     budget: Option<u64>,
     spent: AtomicU64,
+    money: Option<Money>,
     interruption: CancellationToken,
     /// Permits by server.
     turns: Mutex<BTreeMap<String, Arc<Semaphore>>>,
     gates: Mutex<BTreeMap<GateKey, Arc<Gate>>>,
+}
+
+/// A budget of money in billionths of a US dollar.
+#[derive(Debug)]
+struct Money {
+    budget: u64,
+    /// What was spent, and what requests in flight may cost at most.
+    held: Mutex<[u64; 2]>,
+    /// Told when a request is over.
+    over: Notify,
+}
+
+/// Part of a budget that is held for a request in flight, in billionths of a US dollar. A request that is given up may be
+/// charged, so it counts in full.
+pub(super) struct Hold<'a> {
+    money: Option<&'a Money>,
+    nano: u64,
+    cost: u64,
+}
+
+impl Hold<'_> {
+    /// Sets the cost of the request, which is over.
+    pub(super) fn costs(mut self, nano: u64) {
+        self.cost = nano;
+    }
+}
+
+impl Drop for Hold<'_> {
+    fn drop(&mut self) {
+        let Some(money) = self.money else { return };
+        let mut held = money.held.lock().expect("nothing panics while it holds this");
+        held[0] = held[0].saturating_add(self.cost);
+        held[1] -= self.nano;
+        drop(held);
+        money.over.notify_waiters();
+    }
 }
 
 /// Key of a gate: an address, a model, and the model's own limit.
@@ -72,10 +109,44 @@ impl Allowance {
             at_once: at_once.clamp(1, Semaphore::MAX_PERMITS),
             budget,
             spent: AtomicU64::new(0),
+            money: None,
             interruption,
             turns: Mutex::default(),
             gates: Mutex::default(),
         }))
+    }
+
+    /// Limits the money that is spent, in billionths of a US dollar. A request is begun if its highest cost, with those in flight,
+    /// is left.
+    ///
+    /// # Panics
+    /// If the allowance is already shared.
+    #[must_use]
+    pub fn with_money(mut self, budget: u64) -> Self {
+        let inner = Arc::get_mut(&mut self.0).expect("no model has the allowance yet");
+        inner.money = Some(Money { budget, held: Mutex::default(), over: Notify::new() });
+        self
+    }
+
+    /// Holds the highest cost of a request, in billionths of a US dollar. Waits for requests in flight if it is not left without
+    /// what they may still return.
+    pub(super) async fn hold(&self, nano: u64) -> Result<Hold<'_>, Stop> {
+        let Some(money) = &self.0.money else { return Ok(Hold { money: None, nano: 0, cost: 0 }) };
+        loop {
+            let over = money.over.notified();
+            {
+                let mut held = money.held.lock().expect("nothing panics while it holds this");
+                let [spent, in_flight] = *held;
+                if spent.saturating_add(in_flight).saturating_add(nano) <= money.budget {
+                    held[1] += nano;
+                    return Ok(Hold { money: Some(money), nano, cost: nano });
+                }
+                if in_flight == 0 {
+                    return Err(Stop::MoneySpent { spent, budget: money.budget, next: nano });
+                }
+            }
+            over.await;
+        }
     }
 
     /// Tokens spent so far. If an endpoint reports no usage, four bytes of prompt and answer count as a token.
@@ -128,6 +199,7 @@ impl Allowance {
     }
 
     pub(super) fn spend(&self, tokens: u64) {
-        self.0.spent.fetch_add(tokens, Ordering::Relaxed);
+        let add = |spent: u64| Some(spent.saturating_add(tokens));
+        _ = self.0.spent.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add);
     }
 }

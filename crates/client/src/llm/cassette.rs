@@ -15,12 +15,13 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use super::Question;
 use super::completion::ModelAnswer;
 use super::stop::Stop;
 use crate::lines::{Hash, Header, LinePosition, Lines, digest, hash};
+use swarmbench_protocol::act::{Usage, UsageSums};
 
 /// Version of the format.
 pub const VERSION: u32 = 1;
@@ -53,6 +54,23 @@ struct Index {
     places: HashSet<Hash>,
     /// Positions of answers by their keys.
     answers: HashMap<Hash, LinePosition>,
+    /// Sums of the answers of each voice.
+    sums: HashMap<usize, Recorded>,
+}
+
+/// Sums over the recorded answers of a model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Recorded {
+    /// Acts that were asked for; further tries of one are not counted.
+    pub acts: u64,
+    /// Answers with a number of tokens.
+    pub answers: u64,
+    /// Tokens of their prompts.
+    pub prompt_tokens: u64,
+    /// Tokens of the answers.
+    pub completion_tokens: u64,
+    /// Tokens of caches and of reasoning.
+    pub usage: UsageSums,
 }
 
 /// A line that declares a model by the body of its requests.
@@ -71,7 +89,7 @@ struct AnswerLine {
     game: String,
     agent: String,
     round: u32,
-    /// SHA-256 of the prompt.
+    /// SHA-256 of the prompt, and of the items before it, if there are any.
     prompt: String,
     /// SHA-256 of the system message, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -82,7 +100,7 @@ struct AnswerLine {
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "a line with a model or an answer was expected")]
 enum Line {
-    Answer(AnswerLine),
+    Answer(Box<AnswerLine>),
     Model(ModelLine),
 }
 
@@ -128,6 +146,14 @@ impl Cassette {
     #[must_use]
     pub fn answers(&self) -> usize {
         self.0.tape().index.answers.len()
+    }
+
+    /// Sums of the recorded answers of a model with this body of requests; `None` without any.
+    #[must_use]
+    pub fn recorded(&self, body: &Map<String, Value>) -> Option<Recorded> {
+        let Tape { index, .. } = &*self.0.tape();
+        let voice = index.models.iter().position(|known| known == body)?;
+        index.sums.get(&voice).copied().filter(|sums| sums.answers > 0)
     }
 
     /// Recorded model with this request body. A recording cassette adds an unknown one.
@@ -195,7 +221,7 @@ impl RecordedModel {
             game: question.game.clone(),
             agent: question.agent.clone(),
             round: question.round,
-            prompt: digest(&question.prompt),
+            prompt: digest_of(question),
             system: question.system.as_deref().map(digest),
             answer: answer.clone(),
         };
@@ -230,9 +256,9 @@ impl RecordedModel {
 
 impl Tape {
     fn find(&mut self, voice: usize, question: &Question) -> io::Result<Option<ModelAnswer>> {
-        let Question { game, agent, round, system, prompt } = question;
+        let Question { game, agent, round, system, .. } = question;
         let system = system.as_deref().map(digest);
-        let asked = key(voice, game, agent, *round, &digest(prompt), system.as_deref());
+        let asked = key(voice, game, agent, *round, &digest_of(question), system.as_deref());
         let Some(place) = self.index.answers.get(&asked) else { return Ok(None) };
         let text = self.lines.read(*place)?;
         Ok(Some(serde_json::from_slice::<AnswerLine>(&text)?.answer))
@@ -253,9 +279,28 @@ impl Index {
     fn note(&mut self, line: &AnswerLine, place: LinePosition) {
         let AnswerLine { voice, game, agent, round, prompt, system, .. } = line;
         self.games.insert((*voice, game.clone()));
-        self.places.insert(hash(&(voice, game, agent, round)));
+        let is_new = self.places.insert(hash(&(voice, game, agent, round)));
         let answer = key(*voice, game, agent, *round, prompt, system.as_deref());
         self.answers.insert(answer, place);
+        let sums = self.sums.entry(*voice).or_default();
+        sums.acts += u64::from(is_new);
+        if let Usage { prompt_tokens: Some(read), completion_tokens: Some(said), .. } =
+            line.answer.usage
+        {
+            sums.answers += 1;
+            sums.prompt_tokens = sums.prompt_tokens.saturating_add(read);
+            sums.completion_tokens = sums.completion_tokens.saturating_add(said);
+            sums.usage.count(&line.answer.usage);
+        }
+    }
+}
+
+/// Digest of a prompt, of the items before it, and of the schema of its answer.
+fn digest_of(Question { prompt, items, schema, .. }: &Question) -> String {
+    match schema {
+        None if items.is_empty() => digest(prompt),
+        None => digest(&json!([items, prompt]).to_string()),
+        Some(schema) => digest(&json!([items, prompt, schema]).to_string()),
     }
 }
 

@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::usage::Reported;
 use swarmbench_protocol::act::Usage;
 pub use swarmbench_protocol::failure::Failure;
 
@@ -15,9 +16,6 @@ pub const RESPONSE_BYTES_MAX: usize = 32 * 1024;
 
 /// Maximum bytes of reasoning in JSON; longer ones are cut.
 pub const REASONING_BYTES_MAX: usize = 16 * 1024;
-
-/// Maximum plausible token count; larger ones are ignored.
-const TOKENS_MAX: u64 = 1 << 40;
 
 /// Maximum quoted characters of an endpoint's text.
 const SAID_CHARS_MAX: usize = 300;
@@ -39,6 +37,11 @@ pub struct ModelAnswer {
     /// Reason why the model gave no answer, or a cut one. The act is sent all the same: the server decides whether it counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
+    /// Items of the answer that a later request can carry, encrypted reasoning among them: only of the interface `responses`, and
+    /// only if they were asked for ([`Settings::carries_reasoning`](super::Settings::carries_reasoning)). They take at most
+    /// [`ITEMS_BYTES_MAX`](super::responses::ITEMS_BYTES_MAX).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub items: Vec<Value>,
     /// Retries before this answer.
     #[serde(skip)]
     pub retries: u32,
@@ -49,6 +52,8 @@ pub struct ModelAnswer {
 pub(super) struct Completion {
     pub(super) answer: ModelAnswer,
     pub(super) tokens: Option<u64>,
+    /// True if the endpoint reports a cost that cannot be one. It is ignored.
+    pub(super) has_false_cost: bool,
 }
 
 impl Completion {
@@ -103,12 +108,8 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
     // Some endpoints still have the old completions interface.
     parts.read(&choice["text"]);
     let Parts { text, mut thoughts, mut refusal } = parts;
-    for field in ["reasoning_content", "reasoning", "thinking"] {
-        if thoughts.is_empty()
-            && let Some(said) = message[field].as_str()
-        {
-            said.clone_into(&mut thoughts);
-        }
+    if thoughts.is_empty() {
+        reasoning_of(message).clone_into(&mut thoughts);
     }
     if let Some(said) = message["refusal"].as_str() {
         refusal.push_str(said);
@@ -131,10 +132,18 @@ pub(super) fn read(body: &Value) -> Option<Completion> {
         let between = if thoughts.is_empty() { "" } else { "\n" };
         thoughts = format!("{thoughts}{between}[refusal] {refusal}");
     }
-    let (usage, tokens) = usage(&body["usage"]);
+    let Reported { usage, tokens, has_false_cost } = super::usage::reported(&body["usage"]);
     let reasoning = Some(thoughts).filter(|thoughts| !thoughts.trim().is_empty());
-    let answer = ModelAnswer { response: text, usage, reasoning, failure, retries: 0 };
-    Some(Completion { answer, tokens })
+    let answer =
+        ModelAnswer { response: text, usage, reasoning, failure, ..ModelAnswer::default() };
+    Some(Completion { answer, tokens, has_false_cost })
+}
+
+/// Reasoning of a message, or of a piece of one, in a field of its own. Some endpoints send it in two.
+pub(super) fn reasoning_of(message: &Value) -> &str {
+    let fields = ["reasoning_content", "reasoning", "thinking"];
+    let said = fields.iter().filter_map(|field| message[*field].as_str());
+    said.into_iter().find(|said| !said.is_empty()).unwrap_or_default()
 }
 
 /// Text outside of `<think>…</think>`, where some endpoints leave the reasoning.
@@ -153,14 +162,19 @@ fn calls_tool(message: &Value, finish: &str) -> bool {
 
 /// Parts of a content.
 #[derive(Default)]
-struct Parts {
-    text: String,
-    thoughts: String,
-    refusal: String,
+pub(super) struct Parts {
+    pub(super) text: String,
+    pub(super) thoughts: String,
+    pub(super) refusal: String,
 }
 
 impl Parts {
-    fn read(&mut self, content: &Value) {
+    /// Bytes of all texts.
+    pub(super) const fn bytes(&self) -> usize {
+        self.text.len() + self.thoughts.len() + self.refusal.len()
+    }
+
+    pub(super) fn read(&mut self, content: &Value) {
         match content {
             Value::String(text) => self.text.push_str(text),
             Value::Array(parts) => parts.iter().for_each(|part| self.part(part)),
@@ -187,19 +201,6 @@ impl Parts {
     }
 }
 
-/// Usage, and the tokens that count towards the budget.
-fn usage(usage: &Value) -> (Usage, Option<u64>) {
-    let sane = |value: &Value| value.as_u64().filter(|tokens| *tokens <= TOKENS_MAX);
-    let number = |names: [&str; 2]| names.iter().find_map(|name| sane(&usage[*name]));
-    let prompt_tokens = number(["prompt_tokens", "input_tokens"]);
-    let completion_tokens = number(["completion_tokens", "output_tokens"]);
-    let sum = prompt_tokens.unwrap_or(0) + completion_tokens.unwrap_or(0);
-    // Some endpoints count reasoning only in the total.
-    let total = sane(&usage["total_tokens"]).unwrap_or(0).max(sum);
-    let usage = Usage { prompt_tokens, completion_tokens, latency_ms: None };
-    (usage, Some(total).filter(|total| *total > 0))
-}
-
 /// Refusal by an endpoint.
 #[derive(Debug, Default)]
 pub(super) struct Refusal {
@@ -211,6 +212,8 @@ pub(super) struct Refusal {
     pub(super) status: Option<u16>,
     /// True if a content filter refused the question.
     pub(super) is_filtered: bool,
+    /// True if the body has an `error`, as those of models' endpoints do; pages of gateways have none.
+    pub(super) has_error: bool,
 }
 
 /// Parses the body of a failed request, which may be anything.
@@ -242,13 +245,32 @@ pub(super) fn error_of(body: &Value) -> Option<Refusal> {
     let names: Vec<_> =
         ["code", "type", "status"].iter().filter_map(|name| text(&error[*name])).collect();
     let status = error["code"].as_u64().and_then(|code| u16::try_from(code).ok());
+    let status = status.or_else(|| names.iter().find_map(|name| status_of(name)));
     let inner = &error["innererror"]["code"];
     let is_filtered = names
         .iter()
         .any(|name| ["content_filter", "content_policy_violation"].contains(&name.as_str()))
         || inner == "ResponsibleAIPolicyViolation"
         || error["metadata"].get("flagged_input").is_some();
-    Some(Refusal { said, names, status, is_filtered })
+    let has_error = !body["error"].is_null();
+    Some(Refusal { said, names, status, is_filtered, has_error })
+}
+
+/// Status of an error that has only a name, in a stream or a response that began as a success.
+fn status_of(name: &str) -> Option<u16> {
+    Some(match name {
+        "invalid_request_error" | "invalid_prompt" => 400,
+        "authentication_error" => 401,
+        "billing_error" => 402,
+        "permission_error" => 403,
+        "not_found_error" => 404,
+        "request_too_large" => 413,
+        "rate_limit_error" | "rate_limit_exceeded" | "insufficient_quota" => 429,
+        "api_error" | "server_error" | "internal_server_error" => 500,
+        "timeout_error" => 504,
+        "overloaded_error" => 529,
+        _ => return None,
+    })
 }
 
 /// Quotation of a text: one line of limited length without control characters.

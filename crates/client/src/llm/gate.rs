@@ -115,6 +115,11 @@ impl Pass<'_> {
         clock.now() >= state.open_at
     }
 
+    /// True if any request to this model at this address was answered.
+    pub(super) fn has_answers(&self) -> bool {
+        self.gate.state().answers_ever > 0
+    }
+
     /// Reports an answer: more requests may be in flight, unless many are refused.
     pub(super) fn answered(self) {
         let mut state = self.gate.state();

@@ -2,9 +2,10 @@
 
 use reqwest::header::HeaderValue;
 use secrecy::{ExposeSecret, SecretString};
+use serde_json::Value;
 
 /// Text in place of the key.
-const PLACEHOLDER: &str = "[key]";
+pub(super) const PLACEHOLDER: &str = "[key]";
 
 /// Minimum bytes of a key that is removed from answers: a key of this length cannot be there by chance. Local endpoints often
 /// have short keys such as `EMPTY`, which a model may well say.
@@ -68,28 +69,60 @@ impl ApiKey {
         }
     }
 
-    /// Text without the key.
+    /// Text without the key. A short key is removed where it is a word of its own: as a part of others it is there by chance. A
+    /// long one is removed in any case of its letters, as the host of an address is in lower case.
     pub(super) fn redacted(&self, text: &str) -> String {
-        match &self.secret {
-            Some(secret) => text.replace(secret.expose_secret(), PLACEHOLDER),
-            None => text.to_owned(),
+        let Some(secret) = self.text() else { return text.to_owned() };
+        let is_long = secret.len() >= SECRET_BYTES_MIN;
+        let mut shown = String::new();
+        let mut rest = text;
+        while let Some(at) = find(rest, secret) {
+            let (found, after) = rest[at..].split_at(secret.len());
+            shown.push_str(&rest[..at]);
+            let is_part =
+                shown.ends_with(char::is_alphanumeric) || after.starts_with(char::is_alphanumeric);
+            let is_key = is_long || found == secret && !is_part;
+            shown.push_str(if is_key { PLACEHOLDER } else { found });
+            rest = after;
         }
+        shown + rest
     }
 
     /// Answer without the key, which an endpoint may have shown to the model. Short keys stay.
     pub(super) fn redacted_answer(&self, text: String) -> String {
         match &self.secret {
-            Some(secret)
-                if secret.expose_secret().len() >= SECRET_BYTES_MIN
-                    && text.contains(secret.expose_secret()) =>
-            {
+            Some(secret) if secret.expose_secret().len() >= SECRET_BYTES_MIN => {
                 self.redacted(&text)
             }
             _ => text,
         }
     }
 
-    pub(super) fn is_in(&self, text: &str) -> bool {
-        self.secret.as_ref().is_some_and(|secret| text.contains(secret.expose_secret()))
+    /// True if a text has the key as a part, which only a long one can be by mistake.
+    pub(super) fn is_part_of(&self, text: &str) -> bool {
+        self.text().is_some_and(|key| key.len() >= SECRET_BYTES_MIN && find(text, key).is_some())
     }
+
+    /// True if a value has the key in one of its texts or names; of a short key, if it is one of them.
+    pub(super) fn is_in(&self, value: &Value) -> bool {
+        let is_shown = |text: &str| {
+            self.text().is_some_and(|key| {
+                if key.len() < SECRET_BYTES_MIN { text == key } else { find(text, key).is_some() }
+            })
+        };
+        match value {
+            Value::String(text) => is_shown(text),
+            Value::Array(list) => list.iter().any(|value| self.is_in(value)),
+            Value::Object(fields) => {
+                fields.iter().any(|(name, value)| is_shown(name) || self.is_in(value))
+            }
+            Value::Null | Value::Bool(_) | Value::Number(_) => false,
+        }
+    }
+}
+
+/// Place of a secret in a text, in any case of its letters.
+fn find(text: &str, secret: &str) -> Option<usize> {
+    let mut windows = text.as_bytes().windows(secret.len());
+    windows.position(|bytes| bytes.eq_ignore_ascii_case(secret.as_bytes()))
 }

@@ -10,7 +10,7 @@ use tokio_util::sync::CancellationToken;
 use super::Chat;
 use super::allowance::{Allowance, Turns};
 use super::completion::Completion;
-use super::endpoint::{Endpoint, Kind, Passing, Trouble};
+use super::endpoint::{Course, Endpoint, Kind, Passing, Trouble};
 use super::gate::{Gate, Refusals};
 use super::settings::Settings;
 use super::spent::Counters;
@@ -18,18 +18,8 @@ use super::stop::Stop;
 
 use swarmbench_clock::{after, millis};
 
-/// Retries of an address that never answered. The address may be mistyped, and its user should not wait for minutes.
-const NOBODY_RETRIES: u32 = 2;
-
-/// Answer with its costs.
-#[derive(Debug)]
-pub(super) struct Answered {
-    pub(super) completion: Completion,
-    /// Duration of the successful request.
-    pub(super) latency: Duration,
-    /// Number of retries before it.
-    pub(super) retries: u32,
-}
+/// Retries of an address that never gave an answer. The address may be mistyped, and its user should not wait for minutes.
+const UNKNOWN_RETRIES: u32 = 2;
 
 /// Requests to one model; see the module.
 #[derive(Debug)]
@@ -84,14 +74,16 @@ impl Requests {
     /// Sends a request until it is answered. Dropping the future cancels it.
     ///
     /// # Errors
-    /// Reason why there is no answer. All but [`Stop::BudgetSpent`] and [`Stop::Interrupted`] are also the errors of all later
+    /// Reason why there is no answer. All but [`Stop::BudgetSpent`], [`Stop::MoneySpent`] and [`Stop::Interrupted`] are also the errors of all later
     /// requests.
-    pub(super) async fn send(&self, chat: &Chat<'_>) -> Result<Answered, Stop> {
+    pub(super) async fn send(&self, chat: &Chat<'_>) -> Result<Completion, Stop> {
         let clock = &**self.allowance.clock();
         let settings = self.settings();
         let mut pauses = settings.pauses().build();
         let mut refusals = Refusals::default();
         let mut retries = 0;
+        // Failures that say nothing of an endpoint at this address.
+        let mut strange = 0;
         loop {
             let mut pass = self.unless_stopped(self.gate.pass()).await?;
             let turn = loop {
@@ -103,28 +95,39 @@ impl Requests {
                 }
             };
             self.allowance.check()?;
+            let hold = self.unless_stopped(self.allowance.hold(chat.cost_max())).await??;
             let in_flight = self.counters.request();
-            let asked = self.endpoint.ask(chat, clock).await;
+            let course = Course::default();
+            let asked = self.endpoint.ask(chat, clock, &course).await;
             in_flight.over();
+            match &asked {
+                Ok(completion) if !completion.is_rejected() => hold.costs(chat.cost(completion)),
+                _ if course.is_free() => hold.costs(0),
+                // The endpoint may charge for what it has begun.
+                _ => drop(hold),
+            }
             let passing = match asked {
-                Ok((completion, latency)) => {
+                Ok(mut completion) => {
                     pass.answered();
                     self.allowance.spend(chat.tokens(&completion));
-                    return Ok(Answered { completion, latency, retries });
+                    completion.answer.retries = retries;
+                    return Ok(completion);
                 }
                 Err(Trouble::Final(stop)) => return Err(self.stop(stop)),
                 Err(Trouble::Passing(passing)) => passing,
             };
-            let Passing { kind, said, wait, is_nobody } = passing;
+            let Passing { kind, said, wait, is_strange } = passing;
+            let is_unknown = !pass.has_answers();
+            strange += u32::from(is_strange);
             self.counters.trouble(kind, &said);
             tracing::debug!(model = settings.model, subject = chat.subject(), "no answer: {said}");
             if let Some(wait) = wait.filter(|wait| *wait > settings.patience) {
                 return Err(self.stop(self.come_later(wait, said)));
             }
-            let pause = if kind == Kind::Load {
-                pass.refused(wait, &mut refusals, settings.pauses(), settings.retries, clock)
-            } else if is_nobody && retries >= NOBODY_RETRIES {
+            let pause = if is_unknown && strange > UNKNOWN_RETRIES {
                 Err(retries + 1)
+            } else if kind == Kind::Load {
+                pass.refused(wait, &mut refusals, settings.pauses(), settings.retries, clock)
             } else {
                 drop(pass);
                 // The pause also grows: the endpoint's own one may be too short if it asks again and again.
@@ -135,7 +138,7 @@ impl Requests {
             };
             let pause = pause.map_err(|tries| {
                 let url = self.endpoint.shown.clone();
-                self.stop(Stop::Unreachable { url, tries, last: said })
+                self.stop(Stop::Unreachable { url, tries, last: said, is_unknown })
             })?;
             // The permit is returned after the gate has changed, so that the next request finds its new state.
             drop(turn);

@@ -26,6 +26,9 @@ pub struct Spent {
     pub completion_tokens: u64,
     /// Answers without usage.
     pub unmetered: u64,
+    /// Answers with a reported cost that cannot be one, which is ignored, or that cost more than their prompt and limit of tokens
+    /// allow by the price.
+    pub odd_costs: u64,
     /// Tokens of prompts and answers that a cassette replayed.
     pub replayed_tokens: [u64; 2],
     /// Requests that were dropped when everything stopped. The endpoint may charge for them.
@@ -101,20 +104,23 @@ impl Counters {
         let Usage { prompt_tokens, completion_tokens, .. } = answer.usage;
         for (sum, more) in spent.replayed_tokens.iter_mut().zip([prompt_tokens, completion_tokens])
         {
-            *sum += more.unwrap_or(0);
+            *sum = sum.saturating_add(more.unwrap_or(0));
         }
         if let Some(failure) = answer.failure {
             spent.failures.count(failure);
         }
     }
 
-    pub(super) fn answered(&self, Completion { answer, tokens }: &Completion) {
+    pub(super) fn answered(&self, Completion { answer, tokens, .. }: &Completion, is_odd: bool) {
         *self.last() = None;
         let mut spent = self.get();
         spent.answers += 1;
-        spent.prompt_tokens += answer.usage.prompt_tokens.unwrap_or(0);
-        spent.completion_tokens += answer.usage.completion_tokens.unwrap_or(0);
+        let Usage { prompt_tokens, completion_tokens, .. } = answer.usage;
+        spent.prompt_tokens = spent.prompt_tokens.saturating_add(prompt_tokens.unwrap_or(0));
+        spent.completion_tokens =
+            spent.completion_tokens.saturating_add(completion_tokens.unwrap_or(0));
         spent.unmetered += u64::from(tokens.is_none());
+        spent.odd_costs += u64::from(is_odd);
         if let Some(failure) = answer.failure {
             spent.failures.count(failure);
         }

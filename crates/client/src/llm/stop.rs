@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use super::price::to_usd;
+
 /// End of a run that is no fault of the model: it costs the model no move, and the run can resume. `Display` tells people what
 /// happened and what to do next, without any key.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -77,18 +79,6 @@ pub enum Stop {
         /// Message of the endpoint.
         said: Said,
     },
-    /// The endpoint answers with a stream of events without being asked, or refuses to answer without one.
-    #[error(
-        "{url} answers with a stream of events only, and only whole answers are read; turn streaming off at the \
-         endpoint (many proxies have a setting for it), or name another endpoint with --api-base{}",
-        if said.0.is_empty() { String::new() } else { format!(". {said}") }
-    )]
-    OnlyStreams {
-        /// Requested address.
-        url: String,
-        /// Message of the endpoint, if it refused.
-        said: Said,
-    },
     /// 3xx: the endpoint is elsewhere. The key is not sent there without consent.
     #[error(
         "{url} sends on to {to} ({status}), and keys are not carried to other addresses; if you trust that address, \
@@ -115,10 +105,32 @@ pub enum Stop {
         /// Tokens of the budget.
         budget: u64,
     },
+    /// The budget of money has too little left for another request. Amounts are billionths of a US dollar.
+    #[error(
+        "the budget is spent: {:.4} of {:.4} US dollars, and the next request may cost {:.4}{}",
+        to_usd(*spent),
+        to_usd(*budget),
+        to_usd(*next),
+        "; a limit of tokens for each answer (--max-tokens) lowers that; the next call has a new budget of this size"
+    )]
+    MoneySpent {
+        /// Cost of what was asked.
+        spent: u64,
+        /// The budget.
+        budget: u64,
+        /// Highest cost of the request that was not begun.
+        next: u64,
+    },
     /// All tries failed.
     #[error(
-        "{url} gave no answer in {tries} tries in a row; the last: {last}. No move was lost: run the same command again \
-         when it answers"
+        "{url} gave no answer in {tries} tries in a row; the last: {last}. {}No move was lost: run the same command again \
+         when it answers",
+        if *is_unknown {
+            "This address has not given any answer yet, so see whether it is the right one, and whether --timeout allows \
+             an answer its time. "
+        } else {
+            ""
+        }
     )]
     Unreachable {
         /// Requested address.
@@ -127,6 +139,8 @@ pub enum Stop {
         tries: u32,
         /// Error of the last try.
         last: String,
+        /// True if the address never gave an answer.
+        is_unknown: bool,
     },
     /// The endpoint asks for a longer pause than the patience.
     #[error(

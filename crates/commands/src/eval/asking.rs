@@ -1,7 +1,7 @@
 //! Options for requests to models.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -9,10 +9,11 @@ use anyhow::{anyhow, bail, ensure};
 use serde_json::{Map, Value};
 use tokio_util::sync::CancellationToken;
 
-use swarmbench_client::eval::experiment::{Experiment, Price, SystemMessage};
-use swarmbench_client::eval::plan::{MODELS_AT_ONCE_MAX, ModelPlan, Plan, REQUESTS_MAX, Who};
+use swarmbench_client::eval::experiment::{Experiment, HarnessPlan, Price, SystemMessage};
+use swarmbench_client::eval::plan::{MODELS_AT_ONCE_MAX, ModelPlan, Plan, Planned, REQUESTS_MAX};
+use swarmbench_client::llm::cassette::Recorded;
 use swarmbench_client::llm::{
-    Allowance, Api, ApiKey, Cassette, Headers, Model, Sampling, Settings,
+    Allowance, Api, ApiKey, Budget, Cassette, Headers, Model, PriceList, Settings,
 };
 use swarmbench_clock::SystemClock;
 
@@ -30,7 +31,7 @@ pub(super) struct Asking {
     #[arg(
         long,
         value_name = "URL",
-        help = "The address of the endpoint, without /chat/completions, such as https://api.openai.com/v1 [env: OPENAI_BASE_URL]"
+        help = "The address of the endpoint, without /chat/completions or /responses, such as https://api.openai.com/v1 [env: OPENAI_BASE_URL]"
     )]
     api_base: Option<String>,
     #[arg(
@@ -39,7 +40,8 @@ pub(super) struct Asking {
         help = "The environment variable with the endpoint's key (OPENAI_API_KEY; ANTHROPIC_API_KEY with --api anthropic)"
     )]
     api_key_env: Option<String>,
-    /// The interface of the endpoint: openai for chat completions, anthropic for Anthropic's messages (openai).
+    /// The interface of the endpoint: openai for chat completions, responses for OpenAI's responses, anthropic for Anthropic's
+    /// messages (openai).
     #[arg(long)]
     api: Option<Api>,
     #[arg(
@@ -61,9 +63,28 @@ pub(super) struct Asking {
     max_tokens: Option<u64>,
     #[arg(
         long,
+        value_name = "TOKENS",
+        conflicts_with = "max_tokens",
+        help = "The same limit, instead of --max-tokens, for endpoints whose chat completions name it max_completion_tokens"
+    )]
+    max_completion_tokens: Option<u64>,
+    /// The effort of the reasoning, as the endpoint calls it: none, minimal, low, medium, high, xhigh, max. Default: none is sent.
+    #[arg(long, value_name = "EFFORT")]
+    effort: Option<String>,
+    /// The maximum number of tokens of reasoning, with --api anthropic. Default: none is sent.
+    #[arg(long, value_name = "TOKENS", value_parser = clap::value_parser!(u64).range(1..))]
+    thinking_budget: Option<u64>,
+    /// The summary of the reasoning to ask for, with --api responses: auto, concise or detailed. Default: none is asked for.
+    #[arg(long, value_name = "SUMMARY")]
+    reasoning_summary: Option<String>,
+    /// Ask for streams, and record the time to the first token. An endpoint that only streams is asked so in any case.
+    #[arg(long)]
+    stream: bool,
+    #[arg(
+        long,
         value_name = "JSON",
         value_parser = object,
-        help = "Additional fields of each request, as a JSON object such as '{\"reasoning_effort\": \"low\"}'"
+        help = "Additional fields of each request, as a JSON object such as '{\"top_k\": 20}'"
     )]
     extra: Option<Map<String, Value>>,
     #[arg(
@@ -72,16 +93,19 @@ pub(super) struct Asking {
         help = "The system message, sent before each prompt: a text, or @ and the name of a file. Default: none is sent"
     )]
     system: Option<String>,
+    #[command(flatten)]
+    harness: HarnessPlan,
     /// The maximum number of concurrent requests to each endpoint, over all its models and games (16).
     #[arg(long, value_name = "QUESTIONS", value_parser = clap::value_parser!(u32).range(1..=i64::from(REQUESTS_MAX)))]
     requests: Option<u32>,
     /// The number of models of one endpoint that play at the same time (1). Models of different endpoints always do.
     #[arg(long, value_name = "MODELS", value_parser = clap::value_parser!(u32).range(1..=i64::from(MODELS_AT_ONCE_MAX)))]
     models_at_once: Option<u32>,
-    /// The token budget of this command, prompts and answers together: the evaluation stops when it is spent. The same command
-    /// resumes with a new budget.
-    #[arg(long, value_name = "TOKENS", value_parser = clap::value_parser!(u64).range(1..))]
-    budget: Option<u64>,
+    /// The budget of this command: tokens of prompts and answers together, or US dollars such as 5usd. Dollars are not exceeded while
+    /// answers keep to their limit: --max-tokens, or that of --prices, or 32,768 tokens. The evaluation stops when it is spent; the same
+    /// command resumes with a new budget.
+    #[arg(long, value_name = "TOKENS|USD")]
+    budget: Option<Budget>,
     #[arg(
         long,
         value_name = "SHARE",
@@ -92,9 +116,17 @@ pub(super) struct Asking {
     #[arg(
         long,
         value_name = "IN,OUT",
-        help = "The price of a million tokens of prompts and of answers, such as 0.15,0.6. --dry-run and the board show the cost"
+        help = "The price of a million tokens of prompts and of answers in US dollars, such as 0.15,0.6. --dry-run and the board \
+                show the cost"
     )]
     price: Option<Price>,
+    #[arg(
+        long,
+        value_name = "FILE",
+        help = "The file with prices of models that have no price of their own: LiteLLM's model_prices_and_context_window.json, \
+                or models.dev's api.json. A cost that an endpoint reports wins"
+    )]
+    prices: Option<PathBuf>,
     /// The maximum duration of a request.
     #[arg(long, value_name = "SECONDS", default_value_t = Settings::TIMEOUT.as_secs(), value_parser = clap::value_parser!(u64).range(1..))]
     timeout: u64,
@@ -153,8 +185,14 @@ impl Asking {
             api: self.api,
             headers: (!self.headers.is_empty()).then(|| self.headers.iter().cloned().collect()),
             max_tokens: self.max_tokens,
+            max_completion_tokens: self.max_completion_tokens,
+            effort: self.effort.clone(),
+            thinking_budget: self.thinking_budget,
+            reasoning_summary: self.reasoning_summary.clone(),
+            stream: self.stream.then_some(true),
             extra: self.extra.clone(),
             system: self.system.clone().map(SystemMessage::Text),
+            harness: self.harness,
             requests: self.requests,
             models_at_once: self.models_at_once,
             budget: self.budget,
@@ -164,14 +202,14 @@ impl Asking {
         }
     }
 
-    /// The models of all runs, in order; none for built-in players. Checks everything that can be checked without a request. No
+    /// The models of each run, in order; none for built-in players. Checks everything that can be checked without a request. No
     /// request begins after `stop`.
     pub(super) fn models(
         &self,
         experiment: &Experiment,
         plan: &Plan,
         stop: &CancellationToken,
-    ) -> anyhow::Result<Vec<Option<Model>>> {
+    ) -> anyhow::Result<Vec<Vec<Model>>> {
         let cassette = match (&self.cassette, &self.replay) {
             (Some(path), _) => Some(Cassette::record(path)?),
             (None, Some(path)) => Some(Cassette::replay(path)?),
@@ -179,16 +217,64 @@ impl Asking {
         };
         let requests = experiment.requests.unwrap_or(super::REQUESTS);
         let at_once = usize::try_from(requests).unwrap_or(usize::MAX);
-        let (budget, clock) = (experiment.budget, Arc::new(SystemClock));
-        let allowance = Allowance::interrupted_by(stop.clone(), at_once, budget, clock);
-        let model = |run: &swarmbench_client::eval::plan::Planned| match &run.who {
-            Who::Player(_) => Ok(None),
-            Who::Model(plan) => {
-                let settings = self.settings(plan, cassette.as_ref())?;
-                Ok(Some(Model::new(settings, &allowance, cassette.as_ref())?))
+        let clock = Arc::new(SystemClock);
+        let allowed =
+            |tokens| Allowance::interrupted_by(stop.clone(), at_once, tokens, clock.clone());
+        let allowance = match experiment.budget {
+            None => allowed(None),
+            Some(Budget::Tokens(tokens)) => allowed(Some(tokens)),
+            Some(Budget::NanoUsd(nano)) => {
+                all_have_prices(plan)?;
+                allowed(None).with_money(nano)
             }
         };
-        plan.runs.iter().map(model).collect()
+        let model = |(plan, _): &(&ModelPlan, usize)| {
+            let settings = self.settings(plan, cassette.as_ref())?;
+            anyhow::Ok(Model::new(settings, &allowance, cassette.as_ref())?)
+        };
+        plan.runs.iter().map(|run| run.models().iter().map(model).collect()).collect()
+    }
+
+    /// The recording that is named, to read it; none if it does not exist yet.
+    pub(super) fn recording(&self) -> anyhow::Result<Option<Cassette>> {
+        let path = self.cassette.as_deref().filter(|path| path.exists()).or(self.replay.as_deref());
+        Ok(path.map(Cassette::replay).transpose()?)
+    }
+
+    /// What a recording has of a model that is asked in this way.
+    pub(super) fn recorded(
+        &self,
+        cassette: Option<&Cassette>,
+        plan: &ModelPlan,
+    ) -> anyhow::Result<Option<Recorded>> {
+        let Some(cassette) = cassette else { return Ok(None) };
+        Ok(cassette.recorded(&self.settings(plan, Some(cassette))?.body()?))
+    }
+
+    /// The list of prices, if one is named.
+    pub(super) fn price_list(&self) -> anyhow::Result<Option<PriceList>> {
+        let Some(path) = &self.prices else { return Ok(None) };
+        let read = PriceList::read(path);
+        read.map(Some).map_err(|wrong| anyhow!("--prices {}: {wrong}", path.display()))
+    }
+
+    /// The price of a model in the list.
+    pub(super) fn price(
+        &self,
+        list: &PriceList,
+        plan: &ModelPlan,
+    ) -> Result<Option<Price>, String> {
+        let usual = (plan.api == Api::Anthropic).then(|| ANTHROPIC.0.to_owned());
+        let base = plan.api_base.clone().or(usual).or_else(environment_base);
+        let (path, model) =
+            (self.prices.as_deref().unwrap_or(Path::new("")).display(), &plan.model);
+        let price = list.of(model, base.as_deref()).map_err(|wrong| {
+            format!("--prices {path}: {model}: {wrong}; --price, or price in a file, names one")
+        })?;
+        if price.is_none() {
+            note!("--prices {path}: it has no price of {model}");
+        }
+        Ok(price)
     }
 
     fn settings(&self, plan: &ModelPlan, cassette: Option<&Cassette>) -> anyhow::Result<Settings> {
@@ -214,12 +300,10 @@ impl Asking {
             (api_base(base, &plan.name)?, key, headers)
         };
         Ok(Settings {
-            sampling: Sampling {
-                temperature: plan.temperature,
-                top_p: plan.top_p,
-                max_tokens: plan.max_tokens,
-                seed: None,
-            },
+            sampling: plan.sampling.clone(),
+            streams: plan.stream,
+            price: plan.price,
+            carries_reasoning: plan.harness.carry_reasoning.unwrap_or_default(),
             extra: plan.extra.clone(),
             api: plan.api,
             headers,
@@ -232,10 +316,27 @@ impl Asking {
     }
 }
 
+/// Refuses a budget of money with a model whose requests have no highest cost.
+fn all_have_prices(plan: &Plan) -> anyhow::Result<()> {
+    for (model, _) in plan.runs.iter().flat_map(Planned::models) {
+        ensure!(
+            model.price.is_some(),
+            "a budget in US dollars needs the price of {}, so that the most is known that a request may cost: --price, or \
+             --prices with a list that has it",
+            model.name
+        );
+    }
+    Ok(())
+}
+
+/// Address in the environment.
+fn environment_base() -> Option<String> {
+    std::env::var("OPENAI_BASE_URL").ok().filter(|url| !url.is_empty())
+}
+
 /// Address of a model's endpoint: as named, or from the environment.
 fn api_base(named: Option<&str>, model: &str) -> anyhow::Result<String> {
-    let environment = || std::env::var("OPENAI_BASE_URL").ok().filter(|url| !url.is_empty());
-    match named.map(str::to_owned).or_else(environment) {
+    match named.map(str::to_owned).or_else(environment_base) {
         Some(base) => Ok(base),
         None => bail!(
             "where is {model}? Name its endpoint with --api-base, such as https://api.openai.com/v1, or \

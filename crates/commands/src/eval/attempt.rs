@@ -88,7 +88,7 @@ pub(super) fn begun(entry: &Entry, found: &Found, run: &RunDetail) -> String {
         Found::Finished => {
             format!("{attempt} is {status}; --again starts the next attempt that is open")
         }
-        Found::Resumed => {
+        Found::Resumed | Found::Repeats(_) => {
             format!(
                 "{attempt} resumes: {played} of {planned} games were played, {parallel} at once{until}"
             )

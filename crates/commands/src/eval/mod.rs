@@ -10,6 +10,7 @@ mod showing;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::str::FromStr;
 use std::time::Duration;
 
 use anyhow::{Context, anyhow, ensure};
@@ -23,15 +24,16 @@ use showing::Showing;
 
 use swarmbench_client::client::{Client, ClientError};
 use swarmbench_client::eval::conduct::{Conductor, News};
-use swarmbench_client::eval::experiment::{Axes, Experiment, List, ModelEntry, Seeds};
+use swarmbench_client::eval::experiment::{Axes, Experiment, List, ModelEntry, Numbers};
 use swarmbench_client::eval::judge::STOP_SHARE;
 use swarmbench_client::eval::lanes::runs_at_once;
-use swarmbench_client::eval::plan::{Plan, Planned};
+use swarmbench_client::eval::plan::{ModelPlan, Plan, Planned};
 use swarmbench_client::eval::report::{ExperimentReport, Played, SentActs};
 use swarmbench_client::eval::stop_reason::{Reach, StopReason};
 use swarmbench_client::eval::verify::{Fault, verify_run};
 use swarmbench_client::llm::Model;
 use swarmbench_clock::{Clock, SystemClock, after};
+use swarmbench_engine::{Seed, TaskName};
 use swarmbench_protocol::run::RunDetail;
 
 /// Exit code when something must be fixed first.
@@ -107,6 +109,10 @@ struct Ending {
     /// Play completed runs again; with --attempt, play the next attempt.
     #[arg(long)]
     again: bool,
+    /// Play this ended game of a run again, such as Transport/27; may be repeated. The earlier game is kept, counts no more, and
+    /// is named with the run.
+    #[arg(long, value_name = "TASK/SEED", value_delimiter = ',', conflicts_with_all = ["again", "competition"])]
+    replay_game: Vec<GameChoice>,
     /// Replay all journals at the end, and fail if anything differs from the server's reports.
     #[arg(long)]
     verify: bool,
@@ -119,11 +125,12 @@ struct Games {
     task: Vec<String>,
     /// The seeds, or ranges of seeds such as 0..20 for 0 to 19 (27,42,57,72,87).
     #[arg(long, alias = "seed", value_delimiter = ',')]
-    seeds: Vec<Seeds>,
+    seeds: Vec<Numbers>,
     #[command(flatten)]
     settings: Axes,
-    /// The prompt template for models, instead of the server's own: a file, or the name toolkit (docs/play/prompts.md).
-    #[arg(long, value_name = "FILE|toolkit")]
+    /// The prompt template for models, instead of the server's own: a file, or the name toolkit or static-first
+    /// (docs/play/prompts.md).
+    #[arg(long, value_name = "FILE|NAME")]
     prompt_template: Option<PathBuf>,
 }
 
@@ -138,6 +145,21 @@ struct WhoArgs {
     /// The seed of built-in players' own choices (1).
     #[arg(long)]
     player_seed: Option<u64>,
+}
+
+/// A game of a run.
+#[derive(Clone, Debug)]
+struct GameChoice(TaskName, Seed);
+
+impl FromStr for GameChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let game = text.split_once('/').and_then(|(task, seed)| {
+            Some(Self(TaskName::find(task)?, Seed::try_from(seed.parse::<u64>().ok()?).ok()?))
+        });
+        game.ok_or_else(|| "a game is a task and a seed, such as Transport/27".to_owned())
+    }
 }
 
 fn taken<T>(values: &mut Vec<T>) -> Option<List<T>> {
@@ -194,7 +216,10 @@ impl Evaluation<'_> {
                 return Ok(path.display().to_string());
             }
             swarmbench_clock::files::read_text(&path).with_context(|| {
-                format!("the prompt template {}: a file, or the name toolkit", path.display())
+                format!(
+                    "the prompt template {}: a file, or the name toolkit or static-first",
+                    path.display()
+                )
             })
         });
         Ok((experiment, template.transpose()?))
@@ -206,6 +231,10 @@ impl Evaluation<'_> {
         stop: &CancellationToken,
     ) -> anyhow::Result<(Experiment, Plan, Option<Client>)> {
         let (experiment, template) = self.experiment()?;
+        let list = self.asked.asking.price_list()?;
+        let prices = |model: &ModelPlan| {
+            list.as_ref().map_or(Ok(None), |list| self.asked.asking.price(list, model))
+        };
         let (plan, joined) = if self.asked.attempt.competition.is_some() {
             ensure!(
                 !self.ending.verify,
@@ -219,12 +248,12 @@ impl Evaluation<'_> {
             self.hosting.check_attempt()?;
             let (client, _) = self.hosting.open(stop).await?;
             let entry = self.asked.attempt.entry(&client).await?;
-            (Plan::of_attempt(&experiment, template.as_deref(), entry), Some(client))
+            (Plan::of_attempt(&experiment, template.as_deref(), &prices, entry), Some(client))
         } else {
             let template = swarmbench_prompt::chosen(template);
             let checked = template.as_deref().map(swarmbench_prompt::check).transpose();
             checked.context("the prompt template")?;
-            (Plan::of(&experiment, template.as_deref()), None)
+            (Plan::of(&experiment, template.as_deref(), &prices), None)
         };
         let plan = plan.map_err(|wrong| match &self.asked.file {
             Some(file) => anyhow!("{}:\n       {wrong}", file.display()),
@@ -237,7 +266,8 @@ impl Evaluation<'_> {
 
 /// Whether this is the name of a template instead of a file.
 fn is_name(template: &Path) -> bool {
-    ["default", "toolkit"].iter().any(|name| template.as_os_str() == *name)
+    let named = swarmbench_prompt::NAMED.iter().map(|(name, _)| *name);
+    named.chain(["default"]).any(|name| template.as_os_str() == name)
 }
 
 /// Reads system messages that are in files, given as `@` and a path. Relative paths are in `folder`.
@@ -285,10 +315,14 @@ async fn evaluate(mut evaluation: Evaluation<'_>) -> anyhow::Result<ExitCode> {
     attempt::warn(&plan);
     let Evaluation { asked, hosting, ending } = &evaluation;
     if ending.dry_run {
-        ending.showing.dry_run(&plan)?;
+        let cassette = asked.asking.recording()?;
+        let recorded = |model: &ModelPlan| asked.asking.recorded(cassette.as_ref(), model);
+        ending.showing.dry_run(&plan, &recorded)?;
         return Ok(ExitCode::SUCCESS);
     }
     ending.showing.check()?;
+    let repeats: Vec<_> =
+        ending.replay_game.iter().map(|GameChoice(task, seed)| (*task, *seed)).collect();
     let models = asked.asking.models(&experiment, &plan, &stop)?;
     stop_when_asked(stop.clone(), models.clone());
     let (client, hosted) = match joined {
@@ -297,8 +331,14 @@ async fn evaluate(mut evaluation: Evaluation<'_>) -> anyhow::Result<ExitCode> {
     };
     let parallel = experiment.parallel.unwrap_or(PARALLEL);
     let stop_share = experiment.stop_share.unwrap_or(STOP_SHARE);
-    let conductor =
-        Conductor { client: &client, parallel, again: ending.again, stop: &stop, stop_share };
+    let conductor = Conductor {
+        client: &client,
+        parallel,
+        again: ending.again,
+        repeats: &repeats,
+        stop: &stop,
+        stop_share,
+    };
     let models_at_once = experiment.models_at_once.unwrap_or(MODELS_AT_ONCE);
     let models_at_once = usize::try_from(models_at_once).unwrap_or(usize::MAX);
     let ended = play(&conductor, &plan, &models, models_at_once, &evaluation).await;
@@ -312,11 +352,13 @@ async fn evaluate(mut evaluation: Evaluation<'_>) -> anyhow::Result<ExitCode> {
 async fn play(
     conductor: &Conductor<'_>,
     plan: &Plan,
-    models: &[Option<Model>],
+    models: &[Vec<Model>],
     models_at_once: usize,
     Evaluation { hosting, ending, .. }: &Evaluation<'_>,
 ) -> anyhow::Result<ExitCode> {
-    let mut progress = Progress::new(plan, models, runs_at_once(plan, models, models_at_once) > 1);
+    let is_several = runs_at_once(plan, models, models_at_once) > 1;
+    let base = conductor.client.base().as_str().trim_end_matches('/');
+    let mut progress = Progress::new(plan, models, base, is_several);
     let mut last: BTreeMap<usize, RunDetail> = BTreeMap::new();
     let mut sent: BTreeMap<usize, SentActs> = BTreeMap::new();
     let watch = &mut |number: usize, news: News<'_>| {
@@ -427,7 +469,7 @@ async fn verify_all(client: &Client, plan: &Plan, played: &mut [Played]) -> anyh
 
 /// Stops on the first signal: no request begins any more, and those in flight are awaited. A second signal ends the process at
 /// once.
-fn stop_when_asked(stop: CancellationToken, models: Vec<Option<Model>>) {
+fn stop_when_asked(stop: CancellationToken, models: Vec<Vec<Model>>) {
     let first = crate::stop::asked_to_stop();
     tokio::spawn(async move {
         first.await;

@@ -31,11 +31,19 @@ const WIDE: (&str, &str) = (
 const NARROW: (&str, &str) =
     ("{prefix:22!} {percent:>3} % {wide_msg}", "  {prefix:18!} {pos:>3}/{len:3} {wide_msg}");
 
+/// Maximum open games that a line without a terminal names.
+const GAMES_NAMED_MAX: usize = 3;
+
+/// Maximum characters of the cause of retries.
+const CAUSE_CHARS_MAX: usize = 160;
+
 /// Template for one game when several models play and bars do not fit: with the name of the model.
 const NARROW_WITH_MODEL: &str = "  {prefix:30!} {pos:>3}/{len:3} {wide_msg}";
 
 pub(super) struct Progress<'a> {
-    models: &'a [Option<Model>],
+    models: &'a [Vec<Model>],
+    /// Address of the server.
+    base: &'a str,
     bars: MultiProgress,
     total: ProgressBar,
     games: BTreeMap<String, GameProgress>,
@@ -59,6 +67,7 @@ pub(super) struct Progress<'a> {
 
 /// A run in progress.
 struct RunProgress {
+    id: String,
     name: String,
     /// Rounds that need not be played any more.
     rounds: u64,
@@ -93,7 +102,12 @@ struct GameProgress {
 }
 
 impl<'a> Progress<'a> {
-    pub(super) fn new(plan: &Plan, models: &'a [Option<Model>], is_several: bool) -> Self {
+    pub(super) fn new(
+        plan: &Plan,
+        models: &'a [Vec<Model>],
+        base: &'a str,
+        is_several: bool,
+    ) -> Self {
         let bars = progress_bars();
         let planned = plan.runs.iter().map(Planned::rounds_max).sum();
         let total = bars.add(progress_bar(if is_wide() { WIDE.0 } else { NARROW.0 }));
@@ -101,6 +115,7 @@ impl<'a> Progress<'a> {
         let now = SystemClock.now();
         Self {
             models,
+            base,
             bars,
             total,
             games: BTreeMap::new(),
@@ -128,6 +143,7 @@ impl<'a> Progress<'a> {
             News::Late(_) => self.late += 1,
             News::Polled(run) => self.stand(number, run),
             News::Ends(run) => self.end(number, run),
+            News::Stopped => self.leave(number),
         }
     }
 
@@ -154,6 +170,10 @@ impl<'a> Progress<'a> {
                 let parallel = run.run.parallel;
                 format!("{id} resumes: {played} of {planned} games were played, {parallel} at once")
             }
+            Found::Repeats(games) => format!(
+                "{id} plays again what is kept beside it and counts no more: {}",
+                games.join(", ")
+            ),
             Found::New(None) => format!("{id} is new"),
             Found::New(Some((other, how))) => {
                 format!("{id} is new; the unfinished {other} is another: {}", how.join(", "))
@@ -167,7 +187,7 @@ impl<'a> Progress<'a> {
         });
         let rounds = done(run);
         self.rounds.before += rounds;
-        self.runs.insert(number, RunProgress { name, rounds });
+        self.runs.insert(number, RunProgress { id: id.clone(), name, rounds });
         if *found == Found::Finished {
             self.leave(number);
         } else {
@@ -247,10 +267,11 @@ impl<'a> Progress<'a> {
         let Some(game) = self.games.get_mut(&act.episode) else { return };
         let usage = act.usage.unwrap_or_default();
         let tokens = [usage.prompt_tokens.unwrap_or(0), usage.completion_tokens.unwrap_or(0)];
-        game.prompt_tokens += tokens[0];
-        game.completion_tokens += tokens[1];
+        let count = |sum: &mut u64, place: usize| *sum = sum.saturating_add(tokens[place]);
+        count(&mut game.prompt_tokens, 0);
+        count(&mut game.completion_tokens, 1);
         if !receipt.duplicate {
-            self.counted = [self.counted[0] + tokens[0], self.counted[1] + tokens[1]];
+            (0..).zip(&mut self.counted).for_each(|(place, sum)| count(sum, place));
         }
         if let Some(failure) = receipt.failure {
             game.failures.count(failure);
@@ -314,21 +335,22 @@ impl<'a> Progress<'a> {
     /// Waste of this call: tokens whose acts do not count, and requests whose tokens are unknown.
     pub(super) fn in_vain(&self) -> Vec<String> {
         let mut bought = [0_u64; 2];
-        let (mut time_outs, mut dropped) = (0, 0);
+        let (mut time_outs, mut dropped, mut odd_costs) = (0, 0, 0);
         for spent in self.models.iter().flatten().map(Model::spent) {
             let reported = [spent.prompt_tokens, spent.completion_tokens];
             for (sum, (asked, replayed)) in
                 bought.iter_mut().zip(reported.into_iter().zip(spent.replayed_tokens))
             {
-                *sum += asked + replayed;
+                *sum = sum.saturating_add(asked).saturating_add(replayed);
             }
             time_outs += spent.troubles.time_outs;
             dropped += spent.dropped;
+            odd_costs += spent.odd_costs;
         }
         let [tokens_in, tokens_out] =
             [0, 1].map(|place| bought[place].saturating_sub(self.counted[place]));
         let mut lines = Vec::new();
-        if tokens_in + tokens_out > 0 || self.late > 0 {
+        if tokens_in > 0 || tokens_out > 0 || self.late > 0 {
             let late = match self.late {
                 0 => String::new(),
                 late => format!("; {late} answers came when their round was over"),
@@ -337,6 +359,12 @@ impl<'a> Progress<'a> {
                 "tokens of answers that no act was made of: {}+{}{late}",
                 short(tokens_in),
                 short(tokens_out)
+            ));
+        }
+        if odd_costs > 0 {
+            lines.push(format!(
+                "answers with a reported cost that cannot be (negative, above 1,000 dollars, or no number), which was ignored, or a \
+                 cost above what their prompt and limit of tokens allow by the price: {odd_costs}"
             ));
         }
         let unknown = [(time_outs, "timed out"), (dropped, "were not waited for")];
@@ -362,8 +390,33 @@ impl<'a> Progress<'a> {
         if self.bars.is_hidden() && until(self.last_line, now) >= LINE_EVERY {
             self.last_line = now;
             let (done, planned) = (self.done(), self.rounds.planned);
-            note!("{}: {done} of {planned} rounds, {line}", self.which());
+            note!("{}: {done} of {planned} rounds, {line}{}", self.which(), self.place());
         }
+    }
+
+    /// The open games and their rounds, and where to watch them, for a line without a terminal.
+    fn place(&self) -> String {
+        let open: Vec<_> = self.games.values().filter(|game| !game.is_over).collect();
+        let mut parts: Vec<String> = (open.iter().take(GAMES_NAMED_MAX))
+            .map(|game| format!("{} in round {} of {}", game.name, game.round, game.max_round))
+            .collect();
+        if open.len() > GAMES_NAMED_MAX {
+            parts.push(format!("{} more games", open.len() - GAMES_NAMED_MAX));
+        }
+        let watched = self.runs.values().map(|run| format!("{}/runs/{}", self.base, run.id));
+        parts.extend(watched);
+        let parts = parts.join(", ");
+        if parts.is_empty() { parts } else { format!("; {parts}") }
+    }
+
+    /// The last cause of failed requests of a run in progress that no answer has followed, if there is any.
+    fn cause(&self) -> Option<String> {
+        let playing = self.runs.keys().filter_map(|number| self.models.get(*number));
+        let cause = playing.flatten().find_map(Model::trouble)?;
+        Some(match cause.char_indices().nth(CAUSE_CHARS_MAX) {
+            Some((end, _)) => format!("{}…", &cause[..end]),
+            None => cause,
+        })
     }
 
     /// Names of the runs in progress.
@@ -387,11 +440,13 @@ impl<'a> Progress<'a> {
             flying += spent.in_flight;
             retries += spent.retries;
         }
-        if self.models.iter().any(Option::is_some) {
+        if self.models.iter().any(|models| !models.is_empty()) {
             parts.push(format!("{}+{} tokens", short(tokens_in), short(tokens_out)));
             parts.push(format!("{flying} asked"));
         }
-        if retries > 0 {
+        if let Some(cause) = self.cause() {
+            parts.push(format!("{retries} retries, last: {cause}"));
+        } else if retries > 0 {
             parts.push(format!("{retries} retries"));
         }
         if !self.failures.is_empty() {
@@ -408,7 +463,7 @@ impl GameProgress {
     fn shown(&self) -> String {
         let before = if self.is_sealed { " before the last round" } else { "" };
         let mut parts = vec![format!("score {:.2}{before}", self.score)];
-        if self.prompt_tokens + self.completion_tokens > 0 {
+        if self.prompt_tokens > 0 || self.completion_tokens > 0 {
             let (read, said) = (short(self.prompt_tokens), short(self.completion_tokens));
             parts.push(format!("{read}+{said} tokens"));
         }

@@ -8,11 +8,13 @@ use comfy_table::{CellAlignment, ColumnConstraint};
 use serde_json::json;
 use swarmbench_engine::{Seed, TaskName};
 
-use super::estimate::{ESTIMATED, Estimate, SEALED_ESTIMATE_SEED, estimate};
+use super::estimate::{
+    ESTIMATED, Estimate, PromptBytes, Recording, SEALED_ESTIMATE_SEED, estimate,
+};
 use crate::boards::{fit, short};
 use crate::output::{self, table, wrapped};
 use swarmbench_client::eval::experiment::Shape;
-use swarmbench_client::eval::plan::{Plan, Planned, Who, ranges, setting_text};
+use swarmbench_client::eval::plan::{Plan, Planned, ranges, setting_text};
 use swarmbench_client::eval::report::{ExperimentReport, Played, short as tokens};
 
 /// Minimum columns of a terminal into which a model's name may be wrapped.
@@ -116,11 +118,11 @@ impl Showing {
         Ok(())
     }
 
-    pub(super) fn dry_run(&self, plan: &Plan) -> anyhow::Result<()> {
+    pub(super) fn dry_run(&self, plan: &Plan, recorded: &Recording<'_>) -> anyhow::Result<()> {
         if self.format() == Format::Json {
-            return output::json(&planned(plan)?);
+            return output::json(&planned(plan, recorded)?);
         }
-        show_planned(plan)
+        show_planned(plan, recorded)
     }
 
     /// Names commands that show more.
@@ -176,10 +178,7 @@ fn headline(plan: &Plan) -> String {
     );
     let shared = plan.shared();
     let shared = shared.iter().map(|(axis, value)| format!(", {axis} {}", setting_text(value)));
-    let prompts: BTreeSet<String> = (plan.runs.iter())
-        .filter(|run| matches!(run.who, Who::Model(_)))
-        .map(|run| run.prompt().to_string())
-        .collect();
+    let prompts: BTreeSet<String> = (plan.runs.iter()).filter_map(Planned::prompts).collect();
     let prompts = prompts.into_iter().collect::<Vec<_>>().join(" and ");
     let prompts = if prompts.is_empty() { prompts } else { format!(", prompt {prompts}") };
     format!("{what}{}{prompts}", shared.collect::<String>())
@@ -188,8 +187,12 @@ fn headline(plan: &Plan) -> String {
 /// The board in `width` columns. If it is wider, it gets a row for each task and drops columns until it fits, as a wrapped number
 /// would be unreadable.
 fn report_table(plan: &Plan, report: &ExperimentReport, width: u16) -> comfy_table::Table {
-    let narrower: [(Shape, &[&str]); 3] =
-        [(Shape::Long, &[]), (Shape::Long, &["seeds"]), (Shape::Long, &["seeds", "least", "most"])];
+    let narrower: [(Shape, &[&str]); 4] = [
+        (Shape::Long, &[]),
+        (Shape::Long, &["seeds"]),
+        (Shape::Long, &["seeds", "least", "most"]),
+        (Shape::Long, &["seeds", "least", "most", "sampling"]),
+    ];
     let (mut shown, mut least) = laid_out(report.table(plan.shape), &[]);
     for (shape, left_out) in narrower {
         if least <= width.into() {
@@ -232,10 +235,11 @@ fn laid_out(
 }
 
 /// The plan as JSON, run by run.
-fn planned(plan: &Plan) -> anyhow::Result<serde_json::Value> {
+fn planned(plan: &Plan, recorded: &Recording<'_>) -> anyhow::Result<serde_json::Value> {
+    let mut known = PromptBytes::default();
     let run = |run: &Planned| {
         let settings = plan.varied.iter().map(|axis| ((*axis).to_owned(), json!(run.value(axis))));
-        let estimate = estimate(run)?;
+        let estimate = estimate(run, recorded, &mut known)?;
         let estimated = estimate.as_ref().map(|estimate| {
             json!({
                 "prompt_tokens": estimate.prompt_tokens,
@@ -258,9 +262,11 @@ fn planned(plan: &Plan) -> anyhow::Result<serde_json::Value> {
 }
 
 /// Prints the plan.
-fn show_planned(plan: &Plan) -> anyhow::Result<()> {
+fn show_planned(plan: &Plan, recorded: &Recording<'_>) -> anyhow::Result<()> {
     out!("{}", headline(plan));
-    let estimates = plan.runs.iter().map(estimate).collect::<anyhow::Result<Vec<_>>>()?;
+    let mut known = PromptBytes::default();
+    let estimates = plan.runs.iter().map(|run| estimate(run, recorded, &mut known));
+    let estimates = estimates.collect::<anyhow::Result<Vec<_>>>()?;
     let has_models = estimates.iter().any(Option::is_some);
     let has_costs = estimates.iter().flatten().any(|estimate| estimate.cost.is_some());
     let mut headings = vec!["model"];

@@ -3,7 +3,7 @@ use std::sync::Arc;
 use swarmbench_engine::{Act, Message, Settings, TaskName, World};
 
 use super::*;
-use crate::{BUILT_IN, Identity, REVISION, TOOLKIT, chosen};
+use crate::{BUILT_IN, Identity, REVISION, STATIC_FIRST, TOOLKIT, chosen};
 use swarmbench_protocol::status::Status;
 
 fn sight(settings: &Settings, rounds: u32, agent: u16) -> (Sight, Config) {
@@ -87,7 +87,7 @@ fn escaped_and_centralized_agents_have_prompts_too() {
 
 #[test]
 fn the_built_in_templates_pass_the_check_that_others_must_pass() {
-    for template in [BUILT_IN, TOOLKIT] {
+    for template in [BUILT_IN, TOOLKIT, STATIC_FIRST] {
         assert_eq!(check(template), Ok(()));
     }
     let asked = |name: &str| chosen(Some(name.to_owned()));
@@ -117,6 +117,33 @@ fn the_prompt_toolkit_shows_what_the_toolkit_shows() {
         assert_eq!(prompt.contains(shape), task == TaskName::Flocking, "{prompt}");
         assert!(prompt.contains("\nCurrent step:\n") && prompt.contains("\n2 steps ago:\n"));
         assert!(!prompt.contains("\n\n\n\n"), "{prompt}");
+    }
+}
+
+/// The prompt says what the built-in one says, and begins alike for all agents and rounds of a game.
+#[test]
+fn the_prompt_static_first_begins_alike_for_all() {
+    for control in ["decentralized", "centralized"] {
+        for task in TaskName::ALL {
+            let settings = Settings { control: control.to_owned(), ..Settings::standard(task, 27) };
+            let prompts: Vec<String> = [(0, 0), (0, 3), (3, 3), (3, 11)]
+                .map(|(rounds, agent)| {
+                    let (sight, config) = sight(&settings, rounds, agent);
+                    let own = render(STATIC_FIRST, &sight, &config).expect("it renders");
+                    let usual = render(BUILT_IN, &sight, &config).expect("it renders");
+                    let lines: Vec<&str> = own.lines().collect();
+                    let differs =
+                        |line: &&str| !lines.contains(line) && !line.contains("commander");
+                    let missing: Vec<&str> = usual.lines().filter(differs).collect();
+                    let greeting = "one of several agents that share a world.";
+                    assert!(missing.iter().all(|line| line.contains(greeting)), "{missing:?}");
+                    own
+                })
+                .to_vec();
+            let (shared, rest) = prompts[0].split_once("You are Agent_0").expect("its name");
+            assert!(shared.len() > 2000 && rest.len() < shared.len(), "{}", shared.len());
+            assert!(prompts.iter().all(|prompt| prompt.starts_with(shared)), "{}", prompts[3]);
+        }
     }
 }
 
@@ -173,6 +200,7 @@ fn prompts_are_told_apart() {
     assert_eq!(name(None, 1, None), "default:1");
     assert_eq!(name(None, REVISION, None), "default");
     assert_eq!(name(Some(TOOLKIT), REVISION, None), "toolkit");
+    assert_eq!(name(Some(STATIC_FIRST), REVISION, None), "static-first");
     let system = "\"You are one of many.\"";
     assert_eq!(name(Some(TOOLKIT), 1, Some(system)), "toolkit+system:4bb39329");
     // The revision belongs to templates that print the program's own words, and to no others.

@@ -3,7 +3,7 @@
 
 use std::sync::LazyLock;
 
-use ab_glyph::{Font, FontRef, OutlineCurve, PxScale, point};
+use ab_glyph::{Font, FontRef, OutlineCurve};
 
 /// The font file. Its licence is beside it.
 static FILE: &[u8] = include_bytes!("../../assets/DejaVuSans.ttf");
@@ -34,38 +34,6 @@ pub(crate) fn units() -> f64 {
 /// The outline of a character around its origin, in units of the font; y grows upwards. Empty without ink.
 pub(crate) fn outline(c: char) -> Vec<OutlineCurve> {
     FONT.outline(FONT.glyph_id(c)).map(|outline| outline.curves).unwrap_or_default()
-}
-
-/// A rendered character.
-#[derive(Clone, Debug)]
-pub(crate) struct Bitmap {
-    /// The left side, relative to the origin of the character.
-    pub(crate) left: i32,
-    /// The upper side, relative to the base line; negative above it.
-    pub(crate) top: i32,
-    /// The width in pixels.
-    pub(crate) width: usize,
-    /// The share of ink of each pixel, from 0 to 1, row by row.
-    pub(crate) coverage: Vec<f32>,
-}
-
-/// Renders a character; `None` if it has no ink.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small picture")]
-pub(crate) fn bitmap(c: char, size: f64) -> Option<Bitmap> {
-    // The library takes the distance from the lowest to the highest line as the size.
-    let scale = size * f64::from(FONT.height_unscaled()) / units();
-    let glyph =
-        FONT.glyph_id(c).with_scale_and_position(PxScale::from(scale as f32), point(0.0, 0.0));
-    let outlined = FONT.outline_glyph(glyph)?;
-    let bounds = outlined.px_bounds();
-    let (width, height) = (bounds.width() as usize, bounds.height() as usize);
-    let mut coverage = vec![0.0; width * height];
-    outlined.draw(|x, y, ink| {
-        if let Some(pixel) = coverage.get_mut(y as usize * width + x as usize) {
-            *pixel = ink;
-        }
-    });
-    Some(Bitmap { left: bounds.min.x as i32, top: bounds.min.y as i32, width, coverage })
 }
 
 /// Shortens a text to the width `room`: a long text keeps both ends with `…` between them, so that names with a

@@ -3,8 +3,7 @@
 use std::io::Write as _;
 
 use ab_glyph::OutlineCurve;
-use flate2::Compression;
-use flate2::write::ZlibEncoder;
+use png::{BitDepth, ColorType, Encoder, EncodingError};
 use tiny_skia::{FillRule, Path, PathBuilder, Pixmap, Rect, Stroke, Transform};
 
 use super::font;
@@ -35,25 +34,63 @@ pub fn png(scene: &Scene, scale: f64) -> Result<Vec<u8>, TooLarge> {
     if width * height > PNG_PIXELS_MAX {
         return Err(too_large);
     }
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked above")]
-    let mut pixels = Pixmap::new(width as u32, height as u32).ok_or(too_large)?;
-    let Color(red, green, blue) = PAPER;
-    pixels.fill(tiny_skia::Color::from_rgba8(red, green, blue, 255));
-    let mut picture =
-        Picture { pixels, scale: Transform::from_scale(single(scale), single(scale)) };
-    for shape in &scene.shapes {
-        picture.draw(shape);
-    }
-    Ok(encoded(&picture.pixels))
+    let mut picture = Picture::new(scene, scale).ok_or(too_large)?;
+    picture.draw(scene);
+    Ok(picture.encoded().expect("a buffer takes everything"))
 }
 
-struct Picture {
+/// Pixels of a scene.
+#[derive(Clone, Debug)]
+pub(super) struct Picture {
     pixels: Pixmap,
     scale: Transform,
 }
 
 impl Picture {
-    fn draw(&mut self, shape: &Shape) {
+    /// An empty picture with the size of a scene; `None` if it has no pixels, or too many.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "pixels of a picture"
+    )]
+    pub(super) fn new(scene: &Scene, scale: f64) -> Option<Self> {
+        let [width, height] = [scene.width, scene.height].map(|side| (side * scale).ceil() as u32);
+        let scale = Transform::from_scale(single(scale), single(scale));
+        Some(Self { pixels: Pixmap::new(width, height)?, scale })
+    }
+
+    /// Draws a scene over everything.
+    pub(super) fn draw(&mut self, scene: &Scene) {
+        let Color(red, green, blue) = PAPER;
+        self.pixels.fill(tiny_skia::Color::from_rgba8(red, green, blue, 255));
+        for shape in &scene.shapes {
+            self.shape(shape);
+        }
+    }
+
+    /// The colours of all pixels, row by row. The ground of a picture is opaque, so its pixels are too.
+    pub(super) fn colors(&self) -> impl Iterator<Item = Color> {
+        let pixels = self.pixels.pixels().iter();
+        pixels.map(|pixel| Color(pixel.red(), pixel.green(), pixel.blue()))
+    }
+
+    /// The picture as a PNG file.
+    fn encoded(&self) -> Result<Vec<u8>, EncodingError> {
+        let mut file = Vec::new();
+        let mut encoder = Encoder::new(&mut file, self.pixels.width(), self.pixels.height());
+        encoder.set_color(ColorType::Rgb);
+        encoder.set_depth(BitDepth::Eight);
+        let mut writer = encoder.write_header()?;
+        let mut rows = writer.stream_writer()?;
+        for Color(red, green, blue) in self.colors() {
+            rows.write_all(&[red, green, blue])?;
+        }
+        rows.finish()?;
+        writer.finish()?;
+        Ok(file)
+    }
+
+    fn shape(&mut self, shape: &Shape) {
         match shape {
             Shape::Rect(area, paint) => self.paint(rectangle(*area), *paint),
             Shape::Circle((x, y), radius, paint) => {
@@ -164,39 +201,4 @@ fn outline(path: &mut PathBuilder, c: char, at: Point, size: f64) {
 #[expect(clippy::cast_possible_truncation, reason = "a place in a picture")]
 fn single(number: f64) -> f32 {
     number as f32
-}
-
-/// The first bytes of every PNG file.
-const SIGNATURE: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
-
-/// Eight bits for each of red, green and blue; deflate, the usual filters, not interlaced.
-const FORMAT: [u8; 5] = [8, 2, 0, 0, 0];
-
-/// Writes pixels as a PNG file. The ground of a picture is opaque, so its pixels are too.
-fn encoded(pixels: &Pixmap) -> Vec<u8> {
-    let mut rows = ZlibEncoder::new(Vec::new(), Compression::default());
-    for row in pixels.pixels().chunks(pixels.width() as usize) {
-        // A row begins with its filter: none.
-        let mut bytes = vec![0];
-        bytes.extend(row.iter().flat_map(|pixel| [pixel.red(), pixel.green(), pixel.blue()]));
-        rows.write_all(&bytes).expect("a buffer takes everything");
-    }
-    let rows = rows.finish().expect("a buffer takes everything");
-    let sides = [pixels.width(), pixels.height()].map(u32::to_be_bytes).concat();
-    let mut file = SIGNATURE.to_vec();
-    chunk(&mut file, *b"IHDR", &[&sides[..], &FORMAT].concat());
-    chunk(&mut file, *b"IDAT", &rows);
-    chunk(&mut file, *b"IEND", &[]);
-    file
-}
-
-/// Adds a chunk: its length, kind, data and checksum.
-fn chunk(file: &mut Vec<u8>, kind: [u8; 4], data: &[u8]) {
-    let length = u32::try_from(data.len()).expect("a picture is smaller than 4 GiB");
-    file.extend(length.to_be_bytes());
-    let begin = file.len();
-    file.extend(kind);
-    file.extend(data);
-    let checksum = crc32fast::hash(&file[begin..]);
-    file.extend(checksum.to_be_bytes());
 }

@@ -1,6 +1,6 @@
 //! The plan of an attempt: the competition defines the games, the entrant has declared the player.
 
-use super::{Plan, PlanError, Who};
+use super::{Plan, PlanError, Prices, Who};
 use crate::eval::entry::Entry;
 use crate::eval::experiment::{Experiment, List};
 use swarmbench_prompt::chosen;
@@ -14,7 +14,9 @@ impl Experiment {
             ("tasks", self.tasks.is_some()),
             ("seeds", self.seeds.is_some()),
             ("vary", !self.vary.is_empty()),
+            ("teams", !self.teams.is_empty()),
             ("parallel", self.parallel.is_some()),
+            ("harness.answer", self.harness.answer.is_some()),
         ];
         let fields = fields.into_iter().filter(|(_, is_said)| *is_said);
         let of_models = ["temperature", "top_p"];
@@ -31,13 +33,13 @@ impl Plan {
     /// Plans an attempt. A temperature and a `top_p` that the experiment leaves out are the declared ones; the prompt
     /// template is always the declared one, as the server makes prompts. `template` is the requested one, its text or
     /// its name.
-    /// asked for, its text or its name.
     ///
     /// # Errors
     /// All problems: those of any plan, several players, and a player other than the declared one.
     pub fn of_attempt(
         experiment: &Experiment,
         template: Option<&str>,
+        prices: &Prices<'_>,
         entry: Entry,
     ) -> Result<Self, PlanError> {
         let mut experiment = experiment.clone();
@@ -50,7 +52,8 @@ impl Plan {
         if settings.top_p.is_empty() {
             settings.top_p.extend(entry.entrant.top_p);
         }
-        let mut plan = Self::of(&experiment, chosen(template.map(str::to_owned)).as_deref())?;
+        let text = chosen(template.map(str::to_owned));
+        let mut plan = Self::of(&experiment, text.as_deref(), prices)?;
         let count = plan.runs.len();
         let [run] = plan.runs.as_mut_slice() else {
             let problem = format!(

@@ -4,6 +4,7 @@
 //! - `settings`: the combinations of settings.
 //! - `suite`: suites and their names.
 //! - `problems`: the faults of an experiment.
+//! - `teams`: several players on the seats of one swarm.
 //! - `attempt`: the plan of an attempt in a competition.
 
 mod attempt;
@@ -11,6 +12,7 @@ mod problems;
 mod run;
 mod settings;
 mod suite;
+mod teams;
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -19,9 +21,9 @@ use serde_json::Value;
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_protocol::suite::Suite;
 
-use crate::llm::Api;
+use crate::llm::{Price, Sampling};
 
-use super::experiment::{Experiment, List, ModelEntry, Shape};
+use super::experiment::{Experiment, HarnessPlan, List, ModelEntry, Shape};
 use problems::Problems;
 pub use run::{META, ModelPlan, Planned, PlayerPlan, Who};
 pub(super) use settings::value;
@@ -29,6 +31,8 @@ pub use settings::{axes, setting_text};
 use settings::{combinations, standard};
 use suite::named;
 pub use suite::ranges;
+use teams::{MEMBERS_MAX, Teams, models_of_teams};
+pub use teams::{MemberPlan, MemberPlayer, TeamPlan};
 
 /// The name of all players or all tasks.
 pub const ALL: &str = "all";
@@ -41,6 +45,23 @@ pub const REQUESTS_MAX: u32 = 4096;
 
 /// Maximum number of models of one endpoint that play at the same time.
 pub const MODELS_AT_ONCE_MAX: u32 = 16;
+
+/// Maximum bytes of further fields and system messages of all runs together.
+const TEXTS_BYTES_MAX: u64 = 64 * 1024 * 1024;
+
+/// Maximum number of runs of an experiment, duplicates included. Products of lists in a short file could be endless.
+pub const RUNS_MAX: u64 = 4096;
+
+/// Looks up the price of a model; an error says what is wrong with it.
+pub type Prices<'a> = dyn Fn(&ModelPlan) -> Result<Option<Price>, String> + 'a;
+
+/// No prices but those of the experiment.
+///
+/// # Errors
+/// None.
+pub const fn no_prices(_: &ModelPlan) -> Result<Option<Price>, String> {
+    Ok(None)
+}
 
 /// The faults of an experiment.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,13 +94,17 @@ pub struct Plan {
 
 impl Plan {
     /// Builds the runs of an experiment, and checks everything that can be checked before the first game. `template`
-    /// is the text of its prompt template.
+    /// is the text of its prompt template, and `prices` has prices of models that have none of their own.
     ///
     /// # Errors
     /// All problems; those of settings are worded as by the server.
-    pub fn of(experiment: &Experiment, template: Option<&str>) -> Result<Self, PlanError> {
+    pub fn of(
+        experiment: &Experiment,
+        template: Option<&str>,
+        prices: &Prices<'_>,
+    ) -> Result<Self, PlanError> {
         let mut problems = Problems::default();
-        let mut runs = all_runs(experiment, template, &mut problems);
+        let mut runs = all_runs(experiment, template, prices, &mut problems);
         for run in &runs {
             problems.check(run);
         }
@@ -107,7 +132,7 @@ impl Plan {
     #[must_use]
     pub fn replayed(mut self) -> Self {
         for run in &mut self.runs {
-            run.is_replay = matches!(run.who, Who::Model(_));
+            run.is_replay = !run.models().is_empty();
         }
         self
     }
@@ -130,15 +155,26 @@ impl Plan {
 fn all_runs(
     experiment: &Experiment,
     template: Option<&str>,
+    prices: &Prices<'_>,
     problems: &mut Problems,
 ) -> Vec<Planned> {
     let asked = problems.tasks(experiment.tasks.as_ref());
     let models = experiment.models.as_ref().map_or(&[][..], |List(models)| models);
     let players = problems.players(experiment, asked.as_deref());
-    problems.nobody(models, &players);
+    problems.nobody(experiment, &players);
     problems.system(experiment, models);
     let seeds = problems.seeds(experiment.seeds.as_ref());
-    let combinations = combinations(experiment);
+    let of_teams: BTreeSet<&str> = models_of_teams(experiment).into_iter().collect();
+    let alone: Vec<_> =
+        models.iter().filter(|entry| !of_teams.contains(entry.name.as_str())).collect();
+    let each = (alone.len() + players.len()).max(1) as u64;
+    let Some(combinations) = combinations(experiment, RUNS_MAX / each) else {
+        problems.too_many("`models`, `players` and the combinations of `settings`");
+        return Vec::new();
+    };
+    if !problems.texts(experiment, each * combinations.len() as u64) {
+        return Vec::new();
+    }
     // Without any valid task name, all tasks are used, so that the settings are checked all the same.
     let tasks = asked.filter(|tasks| !tasks.is_empty());
     let tasks = tasks.unwrap_or_else(|| TaskName::ALL.to_vec());
@@ -150,10 +186,13 @@ fn all_runs(
         entry: None,
     };
     let mut runs = Vec::new();
-    for entry in models {
+    let asked = |sampling| Asked { experiment, tasks: &tasks, sampling, prices };
+    for entry in alone {
         for (suite, temperature, top_p) in &combinations {
-            let who = Who::Model(Box::new(model(experiment, entry, &tasks, *temperature, *top_p)));
-            runs.push(planned(who, suite, &tasks, template));
+            let model = asked([*temperature, *top_p]).model(entry, problems);
+            let who = Who::Model(Box::new(model));
+            let suite = answered(suite, &entry.harness.over(&experiment.harness));
+            runs.push(planned(who, &suite, &tasks, template));
         }
     }
     for player in players {
@@ -162,38 +201,88 @@ fn all_runs(
             runs.push(planned(Who::Player(player.clone()), suite, &tasks, None));
         }
     }
+    let mut count = runs.len() as u64;
+    for (suite, temperature, top_p) in &combinations {
+        let Some(agents) = problems.agents(suite.settings.num_agents) else { continue };
+        let asked = asked([*temperature, *top_p]);
+        let suite = &answered(suite, &experiment.harness);
+        let teams = Teams { asked, agents };
+        count += teams.count();
+        if count > RUNS_MAX {
+            problems.too_many("`teams` and the combinations of `settings`");
+            break;
+        }
+        let members = u64::from(agents).min(MEMBERS_MAX as u64);
+        if !problems.texts(experiment, count.saturating_mul(members)) {
+            break;
+        }
+        for team in teams.all(problems) {
+            runs.push(planned(Who::Team(team), suite, &tasks, template));
+        }
+    }
     runs
 }
 
-fn model(
-    experiment: &Experiment,
-    entry: &ModelEntry,
-    tasks: &[TaskName],
-    temperature: Option<f64>,
-    top_p: Option<f64>,
-) -> ModelPlan {
-    // The experiment's key and headers are for the experiment's address only.
-    let shared_api = experiment.api.unwrap_or_default();
-    let is_shared = entry.api_base.is_none() && entry.api.is_none_or(|api| api == shared_api);
-    let shared_key = experiment.api_key_env.clone().filter(|_| is_shared);
-    let shared_headers = experiment.headers.clone().filter(|_| is_shared);
-    ModelPlan {
-        name: entry.name.clone(),
-        model: entry.model.clone().unwrap_or_else(|| entry.name.clone()),
-        api_base: entry
-            .api_base
-            .clone()
-            .or_else(|| experiment.api_base.clone().filter(|_| is_shared)),
-        api_key_env: entry.api_key_env.clone().or(shared_key),
-        api: entry.api.unwrap_or(if is_shared { shared_api } else { Api::default() }),
-        headers: entry.headers.clone().or(shared_headers).unwrap_or_default(),
-        requests: entry.requests,
-        temperature: entry.temperature.or(temperature),
-        top_p: entry.top_p.or(top_p),
-        max_tokens: entry.max_tokens.or(experiment.max_tokens),
-        price: entry.price.or(experiment.price),
-        extra: entry.extra.clone().or_else(|| experiment.extra.clone()).unwrap_or_default(),
-        system: (entry.system.as_ref().or(experiment.system.as_ref()))
-            .and_then(|system| system.of_tasks(tasks)),
+/// The suite with the reader of answers of this shape.
+fn answered(suite: &Suite, harness: &HarnessPlan) -> Suite {
+    let mut suite = suite.clone();
+    if let Some(reader) = harness.reader(&suite.settings.answer_reader) {
+        suite.settings.answer_reader = reader;
+    }
+    suite
+}
+
+/// How models are asked in one combination of settings.
+struct Asked<'e> {
+    experiment: &'e Experiment,
+    tasks: &'e [TaskName],
+    /// The temperature and `top_p` of the combination.
+    sampling: [Option<f64>; 2],
+    prices: &'e Prices<'e>,
+}
+
+impl Asked<'_> {
+    fn model(&self, entry: &ModelEntry, problems: &mut Problems) -> ModelPlan {
+        let [temperature, top_p] = self.sampling;
+        let shared_api = self.experiment.api.unwrap_or_default();
+        let mut entry = entry.clone();
+        let ModelEntry { api_base, api, api_key_env, headers, .. } = entry.clone();
+        entry.fill(self.experiment);
+        if api_base.is_some() || api.is_some_and(|api| api != shared_api) {
+            // The experiment's key and headers are for the experiment's address only.
+            (entry.api_base, entry.api, entry.api_key_env, entry.headers) =
+                (api_base, api, api_key_env, headers);
+        }
+        let mut plan = ModelPlan {
+            model: entry.model.unwrap_or_else(|| entry.name.clone()),
+            name: entry.name,
+            api_base: entry.api_base,
+            api_key_env: entry.api_key_env,
+            api: entry.api.unwrap_or_default(),
+            headers: entry.headers.unwrap_or_default(),
+            requests: entry.requests,
+            sampling: Sampling {
+                temperature: entry.temperature.or(temperature),
+                top_p: entry.top_p.or(top_p),
+                max_tokens: entry.max_tokens,
+                max_completion_tokens: entry.max_completion_tokens,
+                effort: entry.effort,
+                thinking_budget: entry.thinking_budget,
+                reasoning_summary: entry.reasoning_summary,
+                seed: None,
+            },
+            stream: entry.stream.unwrap_or_default(),
+            price: entry.price,
+            extra: entry.extra.unwrap_or_default(),
+            system: entry.system.and_then(|system| system.of_tasks(self.tasks)),
+            harness: entry.harness,
+        };
+        if plan.price.is_none() {
+            plan.price = (self.prices)(&plan).unwrap_or_else(|wrong| {
+                problems.add(wrong);
+                None
+            });
+        }
+        plan
     }
 }

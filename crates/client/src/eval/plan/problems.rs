@@ -2,15 +2,18 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use swarmbench_engine::{Config, Seed, TaskName};
+use serde_json::{Map, Value, json};
+use swarmbench_engine::{Config, Seed, TaskName, limits};
 use swarmbench_players::{BuiltIn, DEFAULT_PLAYER, all, default_for, find};
 
 use super::settings::{axes, standard};
+use super::teams::size;
 use super::{
     ALL, MODELS_AT_ONCE_MAX, ModelPlan, PARALLEL_MAX, PlanError, Planned, PlayerPlan, REQUESTS_MAX,
-    Who,
+    RUNS_MAX, TEXTS_BYTES_MAX, Who,
 };
-use crate::eval::experiment::{Experiment, List, ModelEntry, Seeds, SystemMessage};
+use crate::eval::experiment::{Experiment, List, ModelEntry, Numbers, SystemMessage};
+use crate::llm::Api;
 
 /// Characters of a model's name on boards: the limit of the server. It is checked here so that the last of several
 /// models does not fail after hours.
@@ -19,13 +22,20 @@ const MODEL_CHARS_MAX: usize = 200;
 /// Games of a run: the limit of the server.
 const GAMES_MAX: usize = 1000;
 
+/// Numbers in a list of seeds, with repeated ones: far more than any run has games.
+const SEEDS_READ_MAX: usize = 100_000;
+
+/// Problems of one experiment that are told. A long file may have one in each line.
+const PROBLEMS_MAX: usize = 100;
+
 /// Problems, each listed once.
 #[derive(Default)]
 pub(super) struct Problems(Vec<String>);
 
 impl Problems {
-    fn add(&mut self, problem: String) {
-        if !self.0.contains(&problem) {
+    /// Adds a problem.
+    pub(super) fn add(&mut self, problem: String) {
+        if self.0.len() < PROBLEMS_MAX && !self.0.contains(&problem) {
             self.0.push(problem);
         }
     }
@@ -51,6 +61,42 @@ impl Problems {
         }
     }
 
+    /// Adds that these fields make too many runs.
+    pub(super) fn too_many(&mut self, fields: &str) {
+        self.add(format!(
+            "{fields} make more than {RUNS_MAX} runs, the most of an experiment: play it in parts"
+        ));
+    }
+
+    /// Checks what is sent beside prompts, for `players` models of all runs together: each has its own copy.
+    pub(super) fn texts(&mut self, experiment: &Experiment, players: u64) -> bool {
+        let bytes = |extra: &Option<Map<String, Value>>, system: &Option<SystemMessage>| {
+            let extra = extra.as_ref().map_or(0, |extra| json!(extra).to_string().len());
+            extra + system.as_ref().map_or(0, |system| system.json().to_string().len())
+        };
+        let own = experiment.models.iter().flat_map(|List(models)| models);
+        let most = own.map(|model| bytes(&model.extra, &model.system)).max().unwrap_or(0);
+        let each = most + bytes(&experiment.extra, &experiment.system);
+        let fits = players.saturating_mul(each as u64) <= TEXTS_BYTES_MAX;
+        if !fits {
+            self.add(format!(
+                "`extra` and `system` take {each} bytes, for {players} models of all runs: together at most {TEXTS_BYTES_MAX}; \
+                 make them shorter, or play the experiment in parts"
+            ));
+        }
+        fits
+    }
+
+    /// The number of agents of teams, if a game can have so many: it is checked before teams are made.
+    pub(super) fn agents(&mut self, asked: i64) -> Option<u16> {
+        let agents = u16::try_from(asked).ok().filter(|_| limits::AGENTS.contains(&asked));
+        if agents.is_none() {
+            let (least, most) = (limits::AGENTS.start(), limits::AGENTS.end());
+            self.add(format!("num_agents must be from {least} to {most}, is {asked}"));
+        }
+        agents
+    }
+
     /// The tasks in their usual order; `None` if the experiment names none.
     pub(super) fn tasks(&mut self, asked: Option<&List<String>>) -> Option<Vec<TaskName>> {
         let List(names) = asked?;
@@ -69,9 +115,16 @@ impl Problems {
     }
 
     /// All seeds, sorted and without duplicates.
-    pub(super) fn seeds(&mut self, asked: Option<&List<Seeds>>) -> Vec<Seed> {
+    pub(super) fn seeds(&mut self, asked: Option<&List<Numbers>>) -> Vec<Seed> {
         let Some(List(ranges)) = asked else { return standard().seeds };
-        let all: BTreeSet<u64> = ranges.iter().flat_map(|range| range.from..=range.last).collect();
+        let all = ranges.iter().flat_map(|range| range.from..=range.last);
+        let all: BTreeSet<u64> = all.take(SEEDS_READ_MAX).collect();
+        if all.len() > GAMES_MAX || size(ranges) > SEEDS_READ_MAX as u64 {
+            self.add(format!(
+                "`seeds` has more than {GAMES_MAX} numbers, the most games of a run: take them in parts, and name each once"
+            ));
+            return standard().seeds;
+        }
         let checked = all.into_iter().map(Seed::try_from);
         checked
             .filter_map(|seed| seed.map_err(|error| self.add(format!("seed {error}"))).ok())
@@ -127,11 +180,13 @@ impl Problems {
 
     /// Checks that anybody plays. Not reported after another problem, such as a wrong name that was meant as a
     /// player.
-    pub(super) fn nobody(&mut self, models: &[ModelEntry], players: &[PlayerPlan]) {
-        if models.is_empty() && players.is_empty() && self.0.is_empty() {
+    pub(super) fn nobody(&mut self, experiment: &Experiment, players: &[PlayerPlan]) {
+        let has_models = experiment.models.as_ref().is_some_and(|List(models)| !models.is_empty());
+        let is_somebody = has_models || !players.is_empty() || !experiment.teams.is_empty();
+        if !is_somebody && self.0.is_empty() {
             self.add(
                 "nobody plays: name language models with --model, or built-in players with --player, or a file \
-                 that has `models` or `players`"
+                 that has `models`, `players` or `teams`"
                     .to_owned(),
             );
         }
@@ -170,11 +225,11 @@ impl Problems {
             ));
         }
         for run in runs {
-            if let Who::Model(model) = &run.who
-                && model.price.is_some_and(|price| !price.is_sane())
-            {
-                let name = &model.name;
-                self.add(format!("the prices of {name} must be numbers of at least 0"));
+            for (model, _) in run.models() {
+                if model.price.is_some_and(|price| !price.is_sane()) {
+                    let name = &model.name;
+                    self.add(format!("the prices of {name} must be numbers of at least 0"));
+                }
             }
         }
     }
@@ -188,29 +243,57 @@ impl Problems {
                 games.len()
             ));
         }
-        for game in games {
+        // Games of a task differ in their seeds alone.
+        let mut known = BTreeSet::new();
+        for game in games.iter().filter(|game| known.insert(&game.task)) {
             // `Config::check`, not `admit`: runs created under wider limits continue, and the server refuses new
             // ones.
-            if let Err(errors) = Config::check(&run.suite.settings_of(&game)) {
+            if let Err(errors) = Config::check(&run.suite.settings_of(game)) {
                 errors.0.into_iter().for_each(|error| self.add(error.to_string()));
             }
         }
-        if let Who::Model(model) = &run.who {
+        if let Who::Team(team) = &run.who {
+            self.check_name("team", &team.name);
+            for member in &team.members {
+                self.check_name("member of a team", &member.name);
+            }
+            let reader = &run.suite.settings.answer_reader;
+            for (_, model) in team.models() {
+                if model.harness.reader(reader).is_some_and(|own| own != *reader) {
+                    self.add(format!(
+                        "{}: `harness.answer` of a model cannot differ from that of its team, as all seats of a game have one reader \
+                         of answers: write `answer` into `[harness]` of the experiment",
+                        model.name
+                    ));
+                }
+            }
+        }
+        for (model, _) in run.models() {
             self.check_model(model);
         }
     }
 
-    fn check_model(&mut self, model: &ModelPlan) {
-        let count = model.name.chars().count();
-        if !(1..=MODEL_CHARS_MAX).contains(&count) || model.name.chars().any(char::is_control) {
+    fn check_name(&mut self, whose: &str, name: &str) {
+        let count = name.chars().count();
+        if !(1..=MODEL_CHARS_MAX).contains(&count) || name.chars().any(char::is_control) {
             self.add(format!(
-                "the name of a model must be 1 to {MODEL_CHARS_MAX} characters without control characters, is {:?}",
-                model.name
+                "the name of a {whose} must be 1 to {MODEL_CHARS_MAX} characters without control characters, is {name:?}"
             ));
         }
-        for (field, value, most) in
-            [("temperature", model.temperature, 10.0), ("top_p", model.top_p, 1.0)]
-        {
+    }
+
+    fn check_model(&mut self, model: &ModelPlan) {
+        if let Err(problem) = model.api.sampling(&model.sampling) {
+            self.add(format!("{}: {problem}", model.name));
+        }
+        if let Some(problem) = model.harness.problem(model.api == Api::Responses) {
+            self.add(format!("{}: {problem}", model.name));
+        }
+        self.check_name("model", &model.name);
+        for (field, value, most) in [
+            ("temperature", model.sampling.temperature, 10.0),
+            ("top_p", model.sampling.top_p, 1.0),
+        ] {
             if let Some(value) = value.filter(|value| !(0.0..=most).contains(value)) {
                 self.add(format!("{field} must be from 0 to {most}, is {value}"));
             }

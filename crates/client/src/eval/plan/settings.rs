@@ -48,13 +48,18 @@ pub(super) fn standard() -> Suite {
 /// A suite whose tasks, seeds and name are set later, and the temperature and `top_p` of models.
 pub(super) type Combination = (Suite, Option<f64>, Option<f64>);
 
-/// All combinations of settings.
-pub(super) fn combinations(experiment: &Experiment) -> Vec<Combination> {
-    let groups = match experiment.vary.as_slice() {
-        [] => vec![experiment.settings.clone()],
-        groups => groups.iter().map(|group| group.clone().over(&experiment.settings)).collect(),
+/// All combinations of settings; `None`, before any is made, if they are more than `most`.
+pub(super) fn combinations(experiment: &Experiment, most: u64) -> Option<Vec<Combination>> {
+    let usual = [Axes::default()];
+    let vary = if experiment.vary.is_empty() { &usual[..] } else { &experiment.vary };
+    let groups = vary.iter().map(|group| group.clone().over(&experiment.settings));
+    let more = |sum: u64, group: Axes| {
+        let sizes = group.lists().into_values().map(|values| values.len() as u64);
+        let sum = sum.saturating_add(sizes.fold(1, u64::saturating_mul));
+        (sum <= most).then_some(sum)
     };
-    groups.iter().flat_map(multiply).collect()
+    groups.clone().try_fold(0, more)?;
+    Some(groups.flat_map(|group| multiply(&group)).collect())
 }
 
 fn multiply(group: &Axes) -> Vec<Combination> {
