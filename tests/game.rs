@@ -29,5 +29,6 @@ pub(crate) fn spec(config: Config) -> Spec {
         fill_after: None,
         fill_with: None,
         player: None,
+        holders: Vec::new(),
     }
 }

@@ -21,9 +21,9 @@ use swarmbench::store::port::{
     Committed, EpisodeStore, Reply, RoundActs, StoredAct, StoredEpisode, StoredRound, Unfinished,
 };
 use swarmbench::work::Workers;
-use swarmbench_clock::ManualClock;
 use swarmbench_engine::{Act, Action, AgentId, Config, Settings, TaskName};
 use swarmbench_journal::record::{ActRecord, Decision, RawRecord, Source, Usage};
+use swarmbench_testkit::host::ManualClock;
 use tempfile::TempDir;
 
 /// Longer than anything takes, so that a test that hangs fails.
@@ -119,6 +119,7 @@ impl Bench {
             purpose,
             run: None,
             spec,
+            holder_metas: Vec::new(),
             tokens: Vec::new(),
             idempotency: None,
         };
@@ -279,7 +280,11 @@ async fn a_replay_reads_no_texts() {
     let bench = Bench::new(Budget::unlimited()).await;
     let long = ActRecord {
         message: Some("naïve \"quotes\" and \\".to_owned()),
-        usage: Some(Usage { prompt_tokens: Some(7), latency_ms: Some(12), ..Usage::default() }),
+        usage: Some(Box::new(Usage {
+            prompt_tokens: Some(7),
+            latency_ms: Some(12),
+            ..Usage::default()
+        })),
         response: Some("ACTION: STAY ".repeat(10_000)),
         reasoning: Some("because ".repeat(10_000)),
         bank_spent_ms: 3,

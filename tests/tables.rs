@@ -131,6 +131,17 @@ fn different_settings_are_refused_with_what_to_do() {
     );
     export.shown(&["table", "main", "--ignore", "temperature"]);
 
+    // Two teams of one name, whose members were asked in different ways.
+    let of = |effort| {
+        let meta = json!({ "eval": { "effort": effort } });
+        let holders = json!([{ "model": "b", "seats": 12, "agent_meta": meta }]).to_string();
+        json!({ "team": r#"{"b":12}"#, "team_holders": holders })
+    };
+    let mut export = Export::of(games("Pursuit", "12 b", &[1.0], &of("low")));
+    export.games.extend(games("Pursuit", "12 b", &[2.0], &of("high")));
+    let error = export.refused(&["table", "main"]);
+    assert!(error.contains("games of 12 b differ in team_holders: "), "{error}");
+
     // Columns of one table have the same settings too, though no cell mixes them.
     let mut export = Export::of(games("Pursuit", "a", &[1.0], &json!({})));
     export.games.extend(games("Pursuit", "b", &[2.0], &json!({ "memory": 0 })));

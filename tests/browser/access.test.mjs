@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { NARROW, WIDE, open } from "./support/browser.mjs";
 import { spoken } from "./support/games.mjs";
-import { PLACES, expectedAt, full } from "./support/site.mjs";
+import { PLACES, expectedAt, full, unfold } from "./support/site.mjs";
 import { suite } from "./support/suite.mjs";
 
 const AXE = await readFile(new URL("../node_modules/axe-core/axe.min.js", import.meta.url), "utf8");
@@ -63,12 +63,13 @@ visit(
   { bypassCSP: true },
 );
 
-for (const { name, address, needsKey } of PLACES) {
+for (const { name, address, needsKey, unfolds } of PLACES) {
   visit(
     `${name}: everybody can read it`,
     async ({ page, watch }, { data }) => {
       watch.expect(...expectedAt(name));
       await open(page, address(data));
+      await unfold(page, unfolds);
       await everybodyReads(page, name);
     },
     // axe-core measures with styles of its own, which the policy of the pages refuses.

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { open } from "./support/browser.mjs";
 import { HOSTILE, MARK } from "./support/hostile.mjs";
-import { PLACES, expectedAt, full } from "./support/site.mjs";
+import { PLACES, expectedAt, full, unfold } from "./support/site.mjs";
 import { suite } from "./support/suite.mjs";
 
 /** Pages without texts of strangers. */
@@ -40,12 +40,13 @@ async function onlyText(page) {
   return found.text;
 }
 
-for (const { name, address, needsKey } of PLACES) {
+for (const { name, address, needsKey, unfolds } of PLACES) {
   visit(
     `${name}: hostile text is text`,
     async ({ page, watch }, { data }) => {
       watch.expect(...expectedAt(name));
       await open(page, address(data));
+      await unfold(page, unfolds);
       if (!WITHOUT.has(name)) await page.getByText(MARK).first().waitFor();
       const text = await onlyText(page);
       if (!WITHOUT.has(name)) assert.match(text, /<script>|<img src=x/, "shown as it was written");

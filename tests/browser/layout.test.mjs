@@ -1,13 +1,13 @@
 // Pages look the same however one comes to them, and show everything at every width.
 import assert from "node:assert/strict";
 import { NARROW, open, settled } from "./support/browser.mjs";
-import { hosted, run, smallSuite, spoken } from "./support/games.mjs";
+import { hosted, priced, run, smallSuite, spoken, talkative } from "./support/games.mjs";
 import { suite } from "./support/suite.mjs";
 
 const { visit } = suite({}, async (program) => {
   await run(program, { suite: smallSuite(), model: "walker" });
   const game = { task: "Foraging", seed: 42, max_round: 20 };
-  const talk = await spoken(program, { task: "Pursuit", seed: 27, max_round: 10, num_agents: 4 });
+  const talk = await spoken(program, { task: "Pursuit", seed: 27, max_round: 10, num_agents: 4 }, { decide: priced(talkative(27), 4_280_000) });
   return { first: await hosted(program, game), second: await hosted(program, { ...game, player: "random" }), talk: talk.id };
 });
 

@@ -8,7 +8,7 @@ import { fileURLToPath } from "node:url";
 import { NARROW, WIDE, launch, open, visitor } from "./support/browser.mjs";
 import { HOSTILE } from "./support/hostile.mjs";
 import { Program } from "./support/program.mjs";
-import { PLACES, PLAIN, full } from "./support/site.mjs";
+import { PLACES, PLAIN, full, unfold } from "./support/site.mjs";
 
 const HERE = path.dirname(fileURLToPath(import.meta.url));
 const SIZES = { wide: WIDE, narrow: NARROW };
@@ -16,7 +16,7 @@ const SCHEMES = /** @type {const} */ (["light", "dark"]);
 
 /** Pictures of the documents: page, size and scheme. */
 const SHOWN = new Set([
-  ...["front", "boards", "board", "player", "runs", "run", "games", "game", "imports", "import", "compare"].map((name) => `${name}-wide-light`),
+  ...["front", "boards", "board", "costs", "player", "runs", "run", "team", "games", "game", "imports", "import", "compare"].map((name) => `${name}-wide-light`),
   ...["play", "seat", "competitions", "competition", "revealed", "desk"].map((name) => `${name}-wide-light`),
   ...["game-wide-dark", "game-narrow-light", "board-narrow-dark"],
 ]);
@@ -40,9 +40,10 @@ try {
 }
 
 /** @param {typeof PLACES[number]} place @param {Awaited<ReturnType<typeof full>>} data */
-async function pictures({ name, address, needsKey }, data) {
+async function pictures({ name, address, needsKey, unfolds }, data) {
   const { page, context } = await visitor(browser, program, { key: needsKey ? program.organizer : undefined });
   await open(page, address(data));
+  await unfold(page, unfolds);
   if (name === "seat") await page.getByRole("button", { name: /^Take/ }).first().click({ timeout: QUIET_MS }).catch(() => {});
   await page.waitForLoadState("networkidle", { timeout: QUIET_MS }).catch(() => {});
   await page.getByText("Working out what could still be scored").waitFor({ state: "hidden" });

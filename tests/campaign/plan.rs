@@ -129,7 +129,7 @@ impl CampaignGame {
             act.usage = Some(Usage {
                 prompt_tokens: Some(dice.below(9000) as u64),
                 completion_tokens: Some(dice.below(900) as u64),
-                latency_ms: None,
+                ..Usage::default()
             });
         }
         if dice.one_in(6) {

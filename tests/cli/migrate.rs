@@ -18,7 +18,7 @@ use swarmbench::competitions::FORMATS;
 use swarmbench::server::{Parts, Server};
 use swarmbench::store::copy::{Copied, CopyError, Step, copy};
 use swarmbench::store::{Location, OpenError, Store};
-use swarmbench_clock::ManualClock;
+use swarmbench_testkit::host::ManualClock;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;

@@ -114,7 +114,7 @@ fn errors_say_what_to_do_next() {
             &["eval", "--player", "default", "--noise", "-1", "--dry-run"],
             "a probability from 0 to 1",
         ),
-        (&["eval", "--player", "default", "--seeds", "-1"], "a seed is a number from 0 to"),
+        (&["eval", "--player", "default", "--seeds", "-1"], "a number is from 0 to"),
         (&["demo", "--port", "-1"], "-1 is not in 0..=65535"),
         (&["serve", "--addr", "8080"], "an address and a port, such as 127.0.0.1:8080"),
         (

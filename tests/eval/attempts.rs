@@ -1,6 +1,7 @@
 //! Attempts in competitions, played by their entrants.
 
 use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use rustix::process::Signal;
@@ -26,6 +27,38 @@ struct Cup {
 struct Entrant {
     id: String,
     key: String,
+}
+
+/// The clock may decide more rounds than the server tells at once.
+#[tokio::test]
+async fn notes_outlast_many_rounds_of_the_clock() {
+    let quick = json!({
+        "suite": { "tasks": ["Synchronization"], "seeds": 1, "settings": { "num_agents": 1, "max_round": 60 } },
+        "clocks": { "round_deadline_s": 0.2 },
+    });
+    let cup = Cup::open_for(3600, quick).await;
+    let blue = cup.enter(json!({ "name": "blue", "model": "m" })).await;
+    let asked = AtomicUsize::new(0);
+    let endpoint = Endpoint::start(move |_, seen| {
+        if !seen.prompt().starts_with("You are Agent_") {
+            return Reply::says("ready");
+        }
+        match asked.fetch_add(1, Ordering::Relaxed) {
+            0 => Reply::says("ACTION: STAY\nNOTES: planted notes"),
+            1 => Reply::says("ACTION: STAY").after(Duration::from_secs(6)),
+            _ => Reply::says("ACTION: STAY\nNOTES: others"),
+        }
+    })
+    .await;
+    let args = [&model(&endpoint)[..], &["--scratchpad", "40"]].concat();
+    cup.eval(&blue, &args).await.ends(0);
+    let seen = endpoint.seen();
+    let played: Vec<_> =
+        seen.iter().filter(|seen| seen.prompt().starts_with("You are Agent_")).collect();
+    for asked in &played[1..3] {
+        assert!(asked.body.to_string().contains("planted notes"), "{}", asked.body);
+    }
+    cup.serving.stop().await;
 }
 
 fn text(value: &Value) -> String {

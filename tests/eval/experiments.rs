@@ -3,21 +3,23 @@
 use std::fs;
 use std::path::Path;
 
-use swarmbench_client::eval::experiment::{Experiment, List, ModelEntry, Seeds};
-use swarmbench_client::eval::plan::{Plan, Who, ranges};
+use swarmbench_client::eval::experiment::{Experiment, List, ModelEntry, Numbers};
+use swarmbench_client::eval::plan::{Plan, Who, no_prices, ranges};
 use swarmbench_engine::Seed;
 
 use super::bench::Bench;
 
 fn plan(text: &str) -> Plan {
     let experiment: Experiment = toml::from_str(text).expect("an experiment");
-    Plan::of(&experiment, None).expect("a plan")
+    Plan::of(&experiment, None, &no_prices).expect("a plan")
 }
 
 fn problems(text: &str) -> String {
     match toml::from_str::<Experiment>(text) {
         Err(error) => error.to_string(),
-        Ok(experiment) => Plan::of(&experiment, None).expect_err("it is wrong").to_string(),
+        Ok(experiment) => {
+            Plan::of(&experiment, None, &no_prices).expect_err("it is wrong").to_string()
+        }
     }
 }
 
@@ -101,7 +103,7 @@ fn who_plays_what_and_how_tells_runs_apart_and_nothing_else_does() {
         assert_ne!(identity(&format!("{base}[settings]\n{settings}")), same, "{settings}");
     }
     let experiment: Experiment = toml::from_str(base).expect("an experiment");
-    let with_template = Plan::of(&experiment, Some("{{ agent }}")).expect("a plan");
+    let with_template = Plan::of(&experiment, Some("{{ agent }}"), &no_prices).expect("a plan");
     assert_ne!(with_template.runs[0].identity(), same);
     let player =
         |seed: u64| identity(&format!("players = 'random'\nseeds = 1\nplayer_seed = {seed}"));
@@ -154,8 +156,8 @@ fn what_is_wrong_is_said_all_at_once_in_the_words_of_the_server() {
         ),
         ("tasks = 'all'", "nobody plays"),
         ("models = 'm'\nseeds = '0..1000'", "at most 1000 games"),
-        ("models = 'm'\nseeds = '5..5'", "there is no seed in 5..5"),
-        ("models = 'm'\nseeds = '0..1000000000'", "a run has at most 1000 games"),
+        ("models = 'm'\nseeds = '5..5'", "there is no number in 5..5"),
+        ("models = 'm'\nseeds = '0..1000000000'", "a range has at most 1000"),
         ("models = ''", "the name of a model must be 1 to 200 characters"),
         ("models = ['m', \"n\\t\"]", "the name of a model must be 1 to 200 characters"),
         (
@@ -191,10 +193,10 @@ fn seeds_are_told_as_they_are_written() {
         let seeds: Vec<Seed> = seeds.iter().copied().map(Seed::from).collect();
         assert_eq!(ranges(&seeds), told);
     }
-    assert_eq!("3..=5".parse(), Ok(Seeds { from: 3, last: 5 }));
+    assert_eq!("3..=5".parse(), Ok(Numbers { from: 3, last: 5 }));
     assert_eq!(
         "9007199254740991".parse(),
-        Ok(Seeds { from: 9_007_199_254_740_991, last: 9_007_199_254_740_991 })
+        Ok(Numbers { from: 9_007_199_254_740_991, last: 9_007_199_254_740_991 })
     );
 }
 
@@ -208,7 +210,7 @@ fn the_command_line_wins_over_a_file() {
     let mut said =
         Experiment { models: Some(List(vec![ModelEntry::named("c")])), ..Experiment::default() };
     said.settings.view_size = vec![7];
-    let plan = Plan::of(&file.with(said), None).expect("a plan");
+    let plan = Plan::of(&file.with(said), None, &no_prices).expect("a plan");
     let told: Vec<_> = (plan.runs.iter())
         .map(|run| {
             ["view_size", "num_agents", "noise"]
@@ -260,6 +262,8 @@ fn the_examples_are_those_of_the_paper() {
         ("scaling", 4, 60),
         // One model; three windows and three numbers of agents, one at a time.
         ("sensitivity", 5, 125),
+        // Built-in players only: a curve of thirteen teams, and three more of a set, on three seeds.
+        ("teams", 16, 48),
     ];
     assert_eq!(told, expected);
 }

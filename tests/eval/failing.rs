@@ -1,6 +1,14 @@
 //! Answers that do not count: how they are shown, and when a run stops for them.
 
+use std::sync::Arc;
+
 use serde_json::{Value, json};
+use swarmbench_client::eval::conduct::{Conductor, News};
+use swarmbench_client::eval::experiment::Experiment;
+use swarmbench_client::eval::plan::{Plan, no_prices};
+use swarmbench_client::llm::{Allowance, ApiKey, Model, Settings};
+use swarmbench_clock::SystemClock;
+use tokio_util::sync::CancellationToken;
 
 use super::bench::Bench;
 use crate::llm::endpoint::{Endpoint, Reply, completion};
@@ -121,4 +129,32 @@ async fn a_dry_run_estimates_tokens_and_cost() {
     assert!((2.4 + 2.4..2.4 + 12.0).contains(&cost), "{cost}");
     bench.eval(&[&game[..], &["--price", "cheap"]].concat()).await.ends(2).says(&["0.15,0.6"]);
     bench.eval(&[&game[..], &["--stop-share", "2"]].concat()).await.ends(2).says(&["or off"]);
+}
+
+/// Otherwise what failed in it would be told as the trouble of the runs that go on.
+#[tokio::test]
+async fn a_run_that_stops_is_no_longer_in_progress() {
+    let bench = Bench::new();
+    let serving = bench.serve().await;
+    let endpoint = Endpoint::start(|_, _| Reply::error(404, "no such model")).await;
+    let text =
+        "tasks = 'Foraging'\nseeds = 1\nmodels = 'm'\n[settings]\nnum_agents = 1\nmax_round = 1";
+    let plan = Plan::of(&Experiment::from_toml(text).expect("an experiment"), None, &no_prices);
+    let settings = Settings::new("m", endpoint.base(), ApiKey::new("NO_KEY", None));
+    let allowance = Allowance::new(1, None, Arc::new(SystemClock));
+    let model = Model::new(settings, &allowance, None).expect("good settings");
+    let conductor = Conductor {
+        client: &serving.client,
+        parallel: 1,
+        again: false,
+        repeats: &[],
+        stop_share: 1.0,
+        stop: &CancellationToken::new(),
+    };
+    let mut told = Vec::new();
+    let watch = &mut |number, news: News<'_>| told.push((number, matches!(news, News::Stopped)));
+    let plan = plan.expect("a plan");
+    let failures = conductor.conduct_all(&plan, &[vec![model]], 1, watch).await;
+    assert_eq!((failures.len(), told.last()), (1, Some(&(0, true))));
+    serving.stop().await;
 }

@@ -335,3 +335,168 @@ async fn the_committed_recording_plays() {
     let answers = std::fs::read_to_string(&tape).expect("a file").lines().count() - 2;
     assert_eq!(answers, 36);
 }
+
+/// What is asked beside the temperature is a part of the identity where it is set, and boards show it.
+#[tokio::test]
+async fn options_of_reasoning_make_runs_of_their_own_and_are_on_boards() {
+    let bench = Bench::new();
+    let endpoint = Endpoint::start(|_, _| switch()).await;
+    let usual = ["--model", "m", "--api-base", endpoint.base(), "--task", "Synchronization"];
+    let usual = [&usual[..], &["--num-agents", "2", "--max-round", "2", "--seeds", "1"]].concat();
+    bench.eval(&usual).await.ends(0);
+    let options = [
+        "--effort",
+        "low",
+        "--max-completion-tokens",
+        "512",
+        "--extra",
+        r#"{"top_k": 20, "user": "me"}"#,
+    ];
+    let board = bench.board(&[&usual[..], &options].concat()).await;
+    let sampling = "effort low, max_completion_tokens 512, top_k 20";
+    assert_eq!(board["rows"][0]["sampling"], sampling, "{board}");
+    let body = endpoint.seen().pop().expect("a request").body;
+    assert_eq!(
+        ["reasoning_effort", "max_completion_tokens", "top_k", "user"].map(|name| &body[name]),
+        [&json!("low"), &json!(512), &json!(20), &json!("me")]
+    );
+    let asked = endpoint.seen().len();
+    // The same again is not played again, with or without a stream.
+    let shown = bench.eval(&[&usual[..], &options, &["--stream"]].concat()).await.ends(0);
+    shown.says(&["was played before", "sampling", sampling]);
+    assert_eq!(endpoint.seen().len(), asked);
+    let serving = bench.serve().await;
+    let runs = serving.runs().await;
+    let told: Vec<_> = runs.iter().map(|run| run.run.sampling.as_deref()).collect();
+    assert_eq!(told, [Some(sampling), None]);
+    let suite = format!(
+        "{}@{}",
+        runs[0].run.suite.name,
+        runs[0].run.suite.digest.as_deref().expect("a digest")
+    );
+    let path = [("suite", &*suite), ("reference", "false")];
+    let board: Value =
+        serving.client.get_with("/api/v1/leaderboard", &path).await.expect("a board");
+    let items = board["items"].as_array().expect("rows");
+    let told: Vec<_> = items.iter().map(|row| row["sampling"].as_str()).collect();
+    assert_eq!(told.len(), 2, "{board}");
+    assert!(told.contains(&None) && told.contains(&Some(sampling)), "{board}");
+    serving.stop().await;
+    for (more, words) in [
+        (&["--thinking-budget", "9"][..], "a thinking budget is an option of api anthropic"),
+        (&["--reasoning-summary", "auto"], "an option of api responses, and openai has none"),
+    ] {
+        bench.eval(&[&usual[..], more].concat()).await.ends(1).says(&[words]);
+    }
+}
+
+/// The limit of the command line takes the place of the other name of the file's.
+#[tokio::test]
+async fn options_of_reasoning_are_those_of_each_model_of_a_file() {
+    let bench = Bench::new();
+    let endpoint = Endpoint::start(|_, seen| match seen.uri.path() {
+        "/v1/chat/completions" => switch(),
+        _ => Reply::error(401, "no"),
+    })
+    .await;
+    bench.write(
+        "models.toml",
+        &format!(
+            "tasks = 'Synchronization'\nseeds = 1\napi_base = '{}'\nmax_tokens = 100\neffort = 'low'\nstream = true\n\
+             [settings]\nnum_agents = 2\nmax_round = 1\n\
+             [[models]]\nname = 'a'\n[[models]]\nname = 'b'\nmax_completion_tokens = 200\neffort = 'high'\nstream = false\n",
+            endpoint.base()
+        ),
+    );
+    bench.board(&["models.toml"]).await;
+    let of = |model: &str| {
+        let seen = endpoint
+            .seen()
+            .into_iter()
+            .rfind(|seen| seen.body["model"] == model)
+            .expect("a request");
+        ["max_tokens", "max_completion_tokens", "reasoning_effort", "stream"]
+            .map(|name| seen.body.get(name).cloned().unwrap_or_default())
+    };
+    assert_eq!(of("a"), [json!(100), Value::Null, json!("low"), json!(true)]);
+    assert_eq!(of("b"), [Value::Null, json!(200), json!("high"), Value::Null]);
+    bench.board(&["models.toml", "--max-completion-tokens", "300", "--model", "a"]).await;
+    assert_eq!(of("a"), [Value::Null, json!(300), json!("low"), json!(true)]);
+    // By another interface the same run is the same run, so another model is asked.
+    let done = bench.eval(&["models.toml", "--api", "responses", "--model", "c"]).await.ends(1);
+    done.says(&["/v1/responses asks for a good key (401)"]);
+}
+
+#[tokio::test]
+async fn a_game_is_played_again_and_the_earlier_one_is_kept_and_named() {
+    let bench = Bench::new();
+    let endpoint = Endpoint::start(|_, _| switch()).await;
+    let args = with(&endpoint, &["--cassette", "tape.jsonl"]);
+    let again = |game: &'static str| [&args[..], &["--replay-game", game]].concat();
+    bench
+        .eval(&again("Synchronization/1"))
+        .await
+        .ends(1)
+        .says(&["no run of m", "leave out --replay-game"]);
+    bench.eval(&args).await.ends(0);
+    let asked = endpoint.seen().len();
+    assert_eq!(asked, 16);
+    bench.eval(&again("Synchronization/7")).await.ends(1).says(&[
+        "no run of m as it is asked here has a game Synchronization/7 to play again",
+        "name the tasks, seeds and settings",
+    ]);
+    bench
+        .eval(&again("Synchronization"))
+        .await
+        .ends(2)
+        .says(&["a task and a seed, such as Transport/27"]);
+    let done = bench.eval(&[&again("Synchronization/2")[..], &["--verify"]].concat()).await.ends(0);
+    let done = done.says(&[
+        "plays again what is kept beside it",
+        "Synchronization 2 (ep_",
+        "verified: 2 games",
+    ]);
+    assert!(!done.err.contains("Synchronization 1"), "{}", done.err);
+    // The answers of the earlier game, on the cassette, are not those of this one.
+    assert_eq!(endpoint.seen().len(), asked + 8);
+    let serving = bench.serve().await;
+    let run = serving.run().await;
+    assert_eq!(
+        (run.run.status.as_str(), run.run.played, run.run.planned, run.run.voided),
+        ("finished", 2, 2, 1)
+    );
+    let told: Vec<_> =
+        run.games.iter().map(|game| (game.slot, game.void_reason.as_deref())).collect();
+    let reason = Some("played again: asked for with --replay-game");
+    assert_eq!(told, [(0, None), (1, reason), (1, None)]);
+    assert!(run.games.iter().all(|game| game.status == "finished" && game.score.is_some()));
+    serving.stop().await;
+    // Without the option nothing is played again.
+    bench.eval(&args).await.ends(0).says(&["was played before"]);
+    assert_eq!(endpoint.seen().len(), asked + 8);
+}
+
+/// An address that is no endpoint, or one that is slower than the timeout, names the cause after three tries.
+#[tokio::test]
+async fn an_address_that_never_answers_says_why_at_once() {
+    let bench = Bench::new();
+    let page = || {
+        Reply::text(200, "<html>Sign in</html>").header("content-type", "text/html; charset=utf-8")
+    };
+    let endpoint = Endpoint::start(move |_, _| page()).await;
+    let usual = ["--model", "m", "--task", "Synchronization", "--seeds", "1", "--num-agents", "1"];
+    let done = bench.eval(&[&usual[..], &["--api-base", endpoint.base()]].concat()).await.ends(3);
+    done.says(&[
+        "3 tries",
+        "200 with text/html, is the address right?",
+        "whether it is the right one",
+    ]);
+    let silent = Endpoint::start(|_, _| switch().held_until(1)).await;
+    let args = [&usual[..], &["--api-base", silent.base(), "--timeout", "1"]].concat();
+    let done = bench.eval(&args).await.ends(3);
+    done.says(&[
+        "3 tries",
+        "no whole answer within 1 s",
+        "whether --timeout allows an answer its time",
+    ]);
+}

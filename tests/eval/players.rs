@@ -6,7 +6,7 @@ use serde_json::Value;
 use swarmbench_boards::result::mean_and_deviation;
 use swarmbench_client::eval::conduct::{Conductor, Found, News};
 use swarmbench_client::eval::experiment::Experiment;
-use swarmbench_client::eval::plan::{Plan, Who};
+use swarmbench_client::eval::plan::{Plan, Who, no_prices};
 use swarmbench_client::eval::stop_reason::StopReason;
 use swarmbench_engine::{Settings, TaskName};
 use swarmbench_players::game;
@@ -64,7 +64,7 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
     let serving = bench.serve().await;
     let text = "players = 'default'\nseeds = [27, 42]\n[settings]\nmax_round = 40";
     let experiment: Experiment = toml::from_str(text).expect("an experiment");
-    let plan = Plan::of(&experiment, None).expect("a plan");
+    let plan = Plan::of(&experiment, None, &no_prices).expect("a plan");
     let planned = &plan.runs[0];
     let mut ids = Vec::new();
     let mut found = Vec::new();
@@ -75,12 +75,13 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
             client: &serving.client,
             parallel: 3,
             again: false,
+            repeats: &[],
             stop: &stop,
             stop_share: 1.0,
         };
         let mut acts = 0;
         let ended = conductor
-            .conduct(planned, None, &mut |news| match news {
+            .conduct(planned, Vec::new(), &mut |news| match news {
                 News::Begins(_, how, run) => {
                     ids.push(run.run.id.clone());
                     found.push(how.clone());
@@ -92,7 +93,11 @@ async fn a_run_that_is_gone_on_with_comes_to_the_same() {
                         stop.cancel();
                     }
                 }
-                News::Looked(_) | News::Late(_) | News::Polled(_) | News::Ends(..) => {}
+                News::Looked(_)
+                | News::Late(_)
+                | News::Polled(_)
+                | News::Ends(..)
+                | News::Stopped => {}
             })
             .await;
         match ended {

@@ -5,6 +5,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use rustix::process::Signal;
+use serde_json::{Value, json};
 
 use super::bench::{Bench, Running};
 use crate::llm::endpoint::{Endpoint, Reply};
@@ -175,4 +176,39 @@ async fn a_full_disk_is_reported_and_with_more_space_it_resumes() {
     let told = ["a commit failed", "0 of 3 games", "run the same command again to resume"];
     Running::of(limited).end().await.ends(1).says(&told);
     Running::of(whole).end().await.ends(0).says(&["resumes", "verified: 3 games"]);
+}
+
+/// A stream of which half has come is no answer, whenever the program is killed.
+#[tokio::test]
+async fn after_a_kill_in_the_middle_of_streams_no_half_answer_is_an_act() {
+    fn stream() -> Reply {
+        let choice = |delta: Value, finish: Value| json!({ "choices": [{ "delta": delta, "finish_reason": finish }] });
+        Reply::events(&[
+            choice(json!({ "content": "ACTION: SWITCH, no, " }), Value::Null),
+            choice(json!({ "content": "rather\nACTION: STAY after" }), Value::Null),
+            choice(json!({}), json!("stop")),
+            json!("[DONE]"),
+        ])
+    }
+    let bench = Bench::new();
+    let endpoint =
+        Endpoint::start(|number, _| if number < 3 { stream().stalling() } else { stream() }).await;
+    let args = args(&endpoint, &["--stream", "--parallel", "1"]);
+    for stalled in [2, 3] {
+        let running = bench.start(&args);
+        endpoint.has_seen(stalled).await;
+        tokio::time::sleep(WHILE).await;
+        running.signal(Signal::KILL);
+        running.end().await;
+    }
+    bench.eval(&args).await.ends(0);
+    let serving = bench.serve().await;
+    let run = serving.run().await;
+    let acts = serving.acts(&run).await;
+    assert_eq!(acts.len(), ALL);
+    for (_, act) in acts {
+        assert_eq!(act["response"], "ACTION: SWITCH, no, rather\nACTION: STAY after", "{act}");
+        assert!(act["usage"]["first_token_ms"].is_u64(), "{act}");
+    }
+    serving.stop().await;
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
-use swarmbench_client::llm::{Api, ApiKey, Failure, Headers, Stop};
+use swarmbench_client::llm::{Api, ApiKey, Failure, Headers, Sampling};
 
 use crate::llm::endpoint::{Endpoint, Reply};
 use crate::llm::{Bench, KEY, VARIABLE, question, stop_of};
@@ -146,27 +146,180 @@ async fn headers_are_sent_and_their_secrets_are_shown_nowhere() {
     assert!(stop.contains("AZURE") && !stop.contains(SECRET), "{stop}");
 }
 
+fn header(name: &str, text: &str) -> Result<Headers, String> {
+    let lookup = |name: &str| match name {
+        "MY_KEY" => Some(" k1 \n".to_owned()),
+        "BROKEN" => Some("two\nlines".to_owned()),
+        "EMPTY" => Some(String::new()),
+        _ => None,
+    };
+    Headers::parse(&BTreeMap::from([(name.to_owned(), text.to_owned())]), lookup)
+}
+
 #[tokio::test]
-async fn an_endpoint_that_only_streams_is_named_after_one_question() {
-    let event = "data: {\"choices\":[{\"delta\":{\"content\":\"ACTION: UP\"}}]}\n\n";
-    let stream = |kind: &str| Reply::text(200, event).header("content-type", kind);
-    for (reply, said) in [
-        (stream("text/event-stream; charset=utf-8"), ""),
-        (stream("text/event-stream").stalling(), ""),
-        (stream("text/plain"), ""),
-        (Reply::error(400, "This model only supports stream=true"), "It said: This model only"),
-        (Reply::error(422, "Stream must be set to True"), "It said: Stream must"),
+async fn variables_in_headers_are_filled_in_and_never_shown() {
+    let endpoint = Endpoint::replies(vec![]).await;
+    let mut bench = Bench::new(&endpoint);
+    for (name, text, value, is_secret) in [
+        ("Api-Key", "$MY_KEY", "k1", true),
+        ("Api-Key", "Bearer ${MY_KEY}!", "Bearer k1!", true),
+        ("Api-Key", "$MY_KEY$$", "k1$", true),
+        ("x-title", "a $$5 swarm", "a $5 swarm", false),
     ] {
-        let endpoint = Endpoint::replies(vec![reply]).await;
-        let stop = stop_of(&Bench::new(&endpoint).model()).await;
-        assert!(matches!(stop, Stop::OnlyStreams { .. }), "{stop:?}");
-        let text = stop.to_string();
-        assert!(text.contains("stream of events only") && text.contains(said), "{text}");
-        assert_eq!(endpoint.seen().len(), 1);
+        let headers = header(name, text).expect(text);
+        assert_eq!(headers.has_secret(), is_secret);
+        assert!(!format!("{headers:?}").contains("k1"));
+        bench.settings.headers = headers;
+        bench.model().answer(&question(0, 0)).await.expect("an answer");
+        assert_eq!(endpoint.seen().last().expect("a request").headers[name], value);
     }
-    // A further field of the user's is another matter.
-    let words = "stream_options is only allowed when stream is true";
-    let endpoint = Endpoint::start(move |_, _| Reply::error(400, words)).await;
-    let stop = stop_of(&Bench::new(&endpoint).model()).await;
-    assert!(matches!(stop, Stop::BadRequest { .. }), "{stop:?}");
+}
+
+#[test]
+fn a_header_that_cannot_work_says_what_to_do() {
+    for (name, text, words) in [
+        ("api key", "$MY_KEY", "no name of a header"),
+        ("api-key", "k1", "say 'api-key: $MY_KEY'"),
+        ("Authorization", "Bearer k1", "environment variable"),
+        ("x-title", "$NONE", "`export NONE=…`"),
+        ("x-title", "$EMPTY", "empty or not set"),
+        ("x-title", "5 $", "$$ for a dollar sign"),
+        ("x-title", "${MY_KEY", "${NAME}"),
+        ("x-title", "ä", "not ASCII"),
+        ("api-key", "$BROKEN", "a line break"),
+        ("Content-Type", "text/plain", "leave it out"),
+    ] {
+        let error = header(name, text).expect_err(text);
+        assert!(error.contains(words) && !error.contains("two"), "{name} {text}: {error}");
+    }
+}
+
+/// What was sent beside the prompt, with these settings.
+async fn sent(api: Api, change: impl FnOnce(&mut Sampling)) -> Value {
+    let endpoint = Endpoint::start(|_, _| Reply::error(401, "no")).await;
+    let mut bench = Bench::new(&endpoint);
+    bench.settings.api = api;
+    bench.settings.sampling.max_tokens = Some(4096);
+    change(&mut bench.settings.sampling);
+    stop_of(&bench.model()).await;
+    let mut body = endpoint.seen()[0].body.clone();
+    let fields = body.as_object_mut().expect("an object");
+    fields.retain(|name, _| !["model", "messages", "input"].contains(&name.as_str()));
+    body
+}
+
+#[tokio::test]
+async fn limits_and_reasoning_are_asked_for_in_the_words_of_each_interface() {
+    fn limits(sampling: &mut Sampling) {
+        *sampling =
+            Sampling { max_tokens: None, max_completion_tokens: Some(4096), ..sampling.clone() };
+        sampling.effort = Some("low".to_owned());
+    }
+    assert_eq!(
+        sent(Api::OpenAi, limits).await,
+        json!({ "max_completion_tokens": 4096, "reasoning_effort": "low" })
+    );
+    assert_eq!(
+        sent(Api::Anthropic, |sampling| {
+            limits(sampling);
+            sampling.thinking_budget = Some(2048);
+        })
+        .await,
+        json!({
+            "max_tokens": 4096, "output_config": { "effort": "low" },
+            "thinking": { "type": "enabled", "budget_tokens": 2048 },
+        })
+    );
+    assert_eq!(
+        sent(Api::Responses, |sampling| {
+            limits(sampling);
+            sampling.reasoning_summary = Some("auto".to_owned());
+        })
+        .await,
+        json!({
+            "max_output_tokens": 4096, "reasoning": { "effort": "low", "summary": "auto" }, "store": false,
+        })
+    );
+    let plain = json!({ "max_output_tokens": 4096, "store": false });
+    assert_eq!(sent(Api::Responses, |_| {}).await, plain);
+}
+
+#[tokio::test]
+async fn what_an_interface_does_not_have_is_told_before_anybody_is_asked() {
+    type Change = fn(&mut Sampling);
+    let endpoint = Endpoint::replies(vec![]).await;
+    let cases: [(Api, Change, &str); 5] = [
+        (Api::OpenAi, |sampling| sampling.thinking_budget = Some(9), "with openai name an effort"),
+        (Api::Responses, |sampling| sampling.thinking_budget = Some(9), "option of api anthropic"),
+        (
+            Api::OpenAi,
+            |sampling| sampling.reasoning_summary = Some("auto".to_owned()),
+            "an option of api responses",
+        ),
+        (
+            Api::Anthropic,
+            |sampling| sampling.thinking_budget = Some(64),
+            "the thinking budget of 64 tokens must be less than the 64 of the whole answer",
+        ),
+        (Api::OpenAi, |sampling| sampling.max_completion_tokens = Some(9), "are one limit"),
+    ];
+    for (api, change, words) in cases {
+        let mut bench = Bench::new(&endpoint);
+        bench.settings.api = api;
+        bench.settings.sampling.max_tokens = Some(64);
+        change(&mut bench.settings.sampling);
+        let stop = bench.try_model().expect_err(words).to_string();
+        assert!(stop.contains(words), "{stop}");
+    }
+    assert_eq!(endpoint.seen().len(), 0);
+}
+
+#[tokio::test]
+async fn an_address_or_a_model_that_is_not_found_names_the_other_interfaces() {
+    for (api, others) in [
+        (Api::OpenAi, "try --api responses or --api anthropic"),
+        (Api::Responses, "try --api openai or --api anthropic"),
+        (Api::Anthropic, "try --api openai or --api responses"),
+    ] {
+        for words in ["Not Found", "swarm-1 is only supported in v1/responses"] {
+            let endpoint = Endpoint::start(move |_, _| Reply::error(404, words)).await;
+            let mut bench = Bench::new(&endpoint);
+            bench.settings.api = api;
+            bench.settings.sampling.max_tokens = Some(64);
+            let stop = stop_of(&bench.model()).await.to_string();
+            assert!(stop.contains(others), "{stop}");
+        }
+    }
+}
+
+/// An address is good for each interface, whichever it was copied from.
+#[tokio::test]
+async fn the_path_of_an_interface_takes_the_place_of_another() {
+    let endpoint = Endpoint::start(|_, _| Reply::error(401, "no")).await;
+    for end in ["", "/chat/completions", "/responses", "/messages/"] {
+        let mut bench = Bench::new(&endpoint);
+        bench.settings.api = Api::Responses;
+        bench.settings.api_base = format!("{}{end}", endpoint.base());
+        stop_of(&bench.model()).await;
+        assert_eq!(endpoint.seen().last().expect("a request").uri, "/v1/responses");
+    }
+}
+
+#[tokio::test]
+async fn a_short_key_may_be_a_part_of_words() {
+    let endpoint = Endpoint::start(|_, _| Reply::error(401, "the key x is exhausted, x")).await;
+    let mut bench = Bench::new(&endpoint);
+    bench.settings.key = ApiKey::new(VARIABLE, Some("x".to_owned()));
+    bench.settings.model = "xy-max".to_owned();
+    bench.settings.extra.insert("prefix".to_owned(), json!("max"));
+    let stop = stop_of(&bench.model()).await.to_string();
+    assert!(stop.contains("the key [key] is exhausted, [key]"), "{stop}");
+    bench.settings.extra.insert("auth".to_owned(), json!(["x"]));
+    let stop = bench.try_model().expect_err("a field is the key").to_string();
+    assert!(stop.contains("holds the key of SWARM_TEST_KEY"), "{stop}");
+    // A long one is not there by chance.
+    bench.settings.key = ApiKey::new(VARIABLE, Some(KEY.to_owned()));
+    bench.settings.model = format!("model-{KEY}");
+    let stop = bench.try_model().expect_err("the model names the key").to_string();
+    assert!(stop.contains("holds the key of SWARM_TEST_KEY"), "{stop}");
 }

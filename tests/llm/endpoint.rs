@@ -31,7 +31,9 @@ pub(crate) struct Seen {
 impl Seen {
     /// The prompt.
     pub(crate) fn prompt(&self) -> &str {
-        self.body["messages"][0]["content"].as_str().expect("a prompt")
+        let messages =
+            ["messages", "input"].into_iter().find_map(|name| self.body[name].as_array());
+        messages.expect("messages")[0]["content"].as_str().expect("a prompt")
     }
 }
 
@@ -50,6 +52,10 @@ enum Sent {
     Stalls(Bytes),
     /// The connection breaks.
     Breaks(Bytes),
+    /// The rest comes after a call of [`Endpoint::release`].
+    Pauses(Bytes, Bytes),
+    /// Pieces of so many bytes.
+    Pieces(Bytes, usize),
 }
 
 impl Reply {
@@ -72,6 +78,18 @@ impl Reply {
         Self::json(200, &completion(&json!({ "role": "assistant", "content": content }), "stop"))
     }
 
+    /// A stream of events.
+    pub(crate) fn events(events: &[Value]) -> Self {
+        let text = |event: &Value| match event.as_str() {
+            Some(end) => format!("data: {end}\n\n"),
+            None => {
+                format!("event: {}\ndata: {event}\n\n", event["type"].as_str().unwrap_or("message"))
+            }
+        };
+        let body: String = events.iter().map(text).collect();
+        Self::text(200, body).header("content-type", "text/event-stream; charset=utf-8")
+    }
+
     /// An error in the usual shape.
     pub(crate) fn error(status: u16, message: &str) -> Self {
         Self::json(status, &json!({ "error": { "message": message, "type": "test_error" } }))
@@ -79,6 +97,12 @@ impl Reply {
 
     pub(crate) fn header(mut self, name: &'static str, value: impl Into<String>) -> Self {
         self.headers.push((name, value.into()));
+        self
+    }
+
+    /// Without a type.
+    pub(crate) fn untyped(mut self) -> Self {
+        self.headers.clear();
         self
     }
 
@@ -106,8 +130,31 @@ impl Reply {
         self
     }
 
+    /// What was to come whole pauses before the first place of `text`.
+    pub(crate) fn pausing_before(mut self, text: &str) -> Self {
+        let Sent::Whole(bytes) = &self.body else { panic!("it is whole") };
+        let whole = String::from_utf8_lossy(bytes);
+        let at = whole.find(text).expect("the text");
+        self.body = Sent::Pauses(bytes.slice(..at), bytes.slice(at..));
+        self
+    }
+
+    /// It comes in pieces of so many bytes.
+    pub(crate) fn in_pieces(mut self, bytes: usize) -> Self {
+        let Sent::Whole(whole) = self.body else { panic!("it is whole") };
+        self.body = Sent::Pieces(whole, bytes);
+        self
+    }
+
+    /// Only so many bytes come, and then a good end.
+    pub(crate) fn cut(mut self, bytes: usize) -> Self {
+        let Sent::Whole(whole) = &self.body else { panic!("it is whole") };
+        self.body = Sent::Whole(whole.slice(..bytes));
+        self
+    }
+
     fn half(&self) -> Bytes {
-        let (Sent::Whole(bytes) | Sent::Stalls(bytes) | Sent::Breaks(bytes)) = &self.body;
+        let Sent::Whole(bytes) = &self.body else { panic!("it is whole") };
         bytes.slice(..bytes.len() / 2)
     }
 }
@@ -248,6 +295,19 @@ async fn serve(State(shared): State<Arc<Shared>>, request: Request) -> Response<
         Sent::Stalls(bytes) => {
             let first = stream::iter([Ok::<_, Infallible>(bytes)]);
             Body::from_stream(first.chain(stream::pending()))
+        }
+        Sent::Pauses(first, rest) => {
+            let rest = stream::once(async move {
+                let now = *stage.borrow();
+                stage.wait_for(|stage| *stage > now).await.expect("it is there");
+                Ok::<_, Infallible>(rest)
+            });
+            Body::from_stream(stream::iter([Ok(first)]).chain(rest))
+        }
+        Sent::Pieces(whole, bytes) => {
+            let starts = (0..whole.len()).step_by(bytes);
+            let piece = move |at: usize| whole.slice(at..whole.len().min(at + bytes));
+            Body::from_stream(stream::iter(starts.map(move |at| Ok::<_, Infallible>(piece(at)))))
         }
         Sent::Breaks(bytes) => {
             Body::from_stream(stream::iter([Ok(bytes), Err(std::io::Error::other("broken"))]))

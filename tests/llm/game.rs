@@ -38,6 +38,8 @@ async fn play(model: &Model, settings: &Settings) -> Result<(f64, usize, usize),
                     agent: agent.to_string(),
                     round: seen.round,
                     prompt,
+                    items: Vec::new(),
+                    schema: None,
                 }
             })
             .collect();

@@ -6,9 +6,15 @@ mod budget;
 mod cassettes;
 pub(crate) mod endpoint;
 mod game;
+mod money;
+mod pieces;
+mod prices;
+pub(crate) mod responses;
 mod retries;
+pub(crate) mod schema;
 mod secrets;
 mod stops;
+mod streams;
 mod time;
 
 use std::sync::Arc;
@@ -79,6 +85,8 @@ pub(crate) fn question(agent: u32, round: u32) -> Question {
         agent: format!("Agent_{agent}"),
         round,
         prompt: format!("You are Agent_{agent}. Round: {round}. What now?"),
+        items: Vec::new(),
+        schema: None,
     }
 }
 

@@ -80,17 +80,110 @@ async fn what_may_pass_is_tried_again() {
     }
 }
 
+/// An endpoint that answers once, and then fails for ever.
+async fn failing(status: u16) -> Endpoint {
+    Endpoint::start(move |number, _| match number {
+        0 => Reply::says("ACTION: UP"),
+        _ => Reply::error(status, "oops"),
+    })
+    .await
+}
+
+/// It may be the wrong address, so nobody waits for minutes; a refusal for its load shows that it is one.
+#[tokio::test]
+async fn an_address_that_never_gave_an_answer_is_tried_three_times() {
+    let page = || Reply::text(200, "<html>Sign in</html>").header("content-type", "text/html");
+    for (reply, last) in [
+        (
+            page as fn() -> Reply,
+            "200 with text/html, is the address right? It begins: <html>Sign in</html>",
+        ),
+        (|| Reply::error(500, "oops"), "500, oops"),
+        (
+            || Reply::json(200, &json!({ "ok": 1 })),
+            "200 with application/json that is no chat completion: {\"ok\":1}",
+        ),
+        (|| Reply::says("ACTION: UP").breaking(), "connection closed before message completed"),
+    ] {
+        let endpoint = Endpoint::start(move |number, _| match number {
+            0 => Reply::error(429, "slow down"),
+            _ => reply(),
+        })
+        .await;
+        let model = Bench::new(&endpoint).model();
+        let stop = stop_of(&model).await;
+        assert!(matches!(&stop, Stop::Unreachable { tries: 4, is_unknown: true, .. }), "{stop:?}");
+        let text = stop.to_string();
+        assert!(text.contains(last) || last.starts_with("connection"), "{text}");
+        assert!(
+            text.contains("see whether it is the right one, and whether --timeout allows"),
+            "{text}"
+        );
+        assert_eq!(model.trouble().map(|cause| text.contains(&cause)), Some(true));
+        assert_eq!(endpoint.seen().len(), 4);
+    }
+}
+
+/// Gateways say 503 of addresses that nothing answers; who counts requests, names a time or an error is waited for.
+#[tokio::test]
+async fn a_gateway_without_a_model_is_no_endpoint_under_load() {
+    let page = "<html>503 Service Temporarily Unavailable</html>";
+    let cases: [(fn() -> Reply, u32); 6] = [
+        (|| Reply::text(503, "no healthy upstream"), 3),
+        (|| Reply::json(503, &json!({ "message": "Service Unavailable" })), 3),
+        (|| Reply::text(529, ""), 3),
+        (|| Reply::text(503, "busy").header("retry-after", "1"), 10),
+        (|| Reply::text(429, "slow down"), 10),
+        (|| Reply::error(503, "Loading model"), 10),
+    ];
+    for (reply, expected) in cases {
+        let endpoint = Endpoint::start(move |_, _| reply()).await;
+        let stop = stop_of(&Bench::new(&endpoint).model()).await;
+        assert!(
+            matches!(&stop, Stop::Unreachable { tries, is_unknown: true, .. } if *tries == expected),
+            "{stop:?}"
+        );
+    }
+    // One that has answered is under load, whoever says so.
+    let endpoint = Endpoint::start(move |number, _| match number {
+        0 => Reply::says("ACTION: UP"),
+        _ => Reply::text(503, page),
+    })
+    .await;
+    let model = Bench::new(&endpoint).model();
+    model.answer(&question(0, 1)).await.expect("the first answer");
+    let stop = stop_of(&model).await;
+    assert!(matches!(&stop, Stop::Unreachable { tries: 10, is_unknown: false, .. }), "{stop:?}");
+}
+
+#[tokio::test]
+async fn an_endpoint_that_is_slower_than_the_timeout_is_told_after_three_tries() {
+    let endpoint = Endpoint::start(|_, _| Reply::says("ACTION: UP").held_until(1)).await;
+    let bench = Bench::new(&endpoint);
+    let model = bench.model();
+    let asked = ask(&model, question(0, 0));
+    for request in 1..=3 {
+        endpoint.has_seen(request).await;
+        bench.clock.pass(TIME_OUT);
+    }
+    let stop = asked.await.expect("no panic").expect_err("it stops").to_string();
+    assert!(stop.contains("3 tries in a row; the last: no whole answer within 10000 s"), "{stop}");
+    assert!(stop.contains("--timeout"), "{stop}");
+}
+
 #[tokio::test]
 async fn pauses_grow_until_it_is_given_up() {
     for status in [500, 429] {
-        let endpoint = Endpoint::start(move |_, _| Reply::error(status, "oops")).await;
+        let endpoint = failing(status).await;
         let mut bench = Bench::new(&endpoint);
         bench.settings.retries = 8;
         let model = bench.model();
-        let Stop::Unreachable { url, tries, last } = stop_of(&model).await else { panic!() };
+        model.answer(&question(0, 1)).await.expect("the first answer");
+        let stop = stop_of(&model).await;
+        let Stop::Unreachable { url, tries, last, is_unknown: false } = stop else { panic!() };
         assert_eq!(url, format!("{}/chat/completions", endpoint.base()));
         assert_eq!((tries, last), (9, format!("{status}, oops")));
-        assert_eq!(endpoint.seen().len(), 9);
+        assert_eq!(endpoint.seen().len(), 10);
         let pauses = bench.clock.pauses();
         assert_eq!(pauses.len(), 8, "{pauses:?}");
         for (pause, least) in pauses.iter().zip([0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0]) {
@@ -98,17 +191,19 @@ async fn pauses_grow_until_it_is_given_up() {
         }
         let text = stop_of(&model).await.to_string();
         assert!(text.contains("9 tries") && text.contains("run the same command again"), "{text}");
-        assert_eq!(endpoint.seen().len(), 9, "nobody asks an endpoint that was given up");
+        assert_eq!(endpoint.seen().len(), 10, "nobody asks an endpoint that was given up");
     }
 }
 
 #[tokio::test]
 async fn no_pause_is_longer_than_the_patience() {
     for status in [500, 429] {
-        let endpoint = Endpoint::start(move |_, _| Reply::error(status, "oops")).await;
+        let endpoint = failing(status).await;
         let mut bench = Bench::new(&endpoint);
         bench.settings.patience = Duration::from_secs(3);
-        stop_of(&bench.model()).await;
+        let model = bench.model();
+        model.answer(&question(0, 1)).await.expect("the first answer");
+        stop_of(&model).await;
         let pauses = bench.clock.pauses();
         assert_eq!(pauses.len(), 9);
         assert!(pauses.iter().all(|pause| *pause <= Duration::from_secs(3)), "{pauses:?}");

@@ -134,7 +134,7 @@ async fn what_no_question_is_taken_for_says_what_to_change() {
         (
             400,
             json!({ "error": { "message": "Unsupported parameter: 'max_tokens'. Use 'max_completion_tokens' instead." } }),
-            &["leave --max-tokens out and say --extra", "Unsupported parameter"],
+            &["leave --max-tokens out and say --max-completion-tokens", "Unsupported parameter"],
         ),
         (
             400,
@@ -217,7 +217,10 @@ async fn an_address_without_v1_is_pointed_out() {
         bench.settings.api_base = base;
     };
     let stop = refused(Reply::text(404, "404 page not found"), without).await;
-    assert_says(&stop, &["many endpoints want /v1 at the end", "/v1. It said: 404 page not found"]);
+    assert_says(
+        &stop,
+        &["many endpoints want /v1 at the end", "/v1. Some models", "It said: 404 page not found"],
+    );
 }
 
 #[tokio::test]
@@ -275,7 +278,7 @@ async fn settings_that_cannot_work_are_told_before_anybody_is_asked() {
             }),
         ),
         (
-            "\"temperature\" of the request's body is given twice",
+            "\"temperature\" of the request's body is given twice: by an option and as a further field",
             Box::new(|bench| {
                 bench.settings.sampling.temperature = Some(1.0);
                 bench.settings.extra.insert("temperature".to_owned(), json!(0.5));

@@ -4,20 +4,25 @@ use std::pin::Pin;
 use std::time::Duration;
 
 use jiff::Timestamp;
-use swarmbench_clock::{Clock, ManualClock, until};
+use swarmbench_clock::{Clock, until};
+use swarmbench_testkit::host::ManualClock;
 use tokio::sync::watch;
 use tokio::time::timeout;
 
 use crate::llm::endpoint::PATIENCE;
 
-/// From here on a wait is a time-out and no pause: it passes only by [`Leaps::pass`].
+/// The timeout of a request.
 pub(crate) const TIME_OUT: Duration = Duration::from_secs(10_000);
+
+/// From here on a wait is that for an answer and no pause: it passes only by [`Leaps::pass`].
+const WAIT: Duration = Duration::from_secs(1_000);
 
 /// A clock that notes all pauses. It leaps over them, or else stands until [`Leaps::pass`].
 #[derive(Debug)]
 pub(crate) struct Leaps {
     clock: ManualClock,
     pauses: watch::Sender<Vec<Duration>>,
+    waits: watch::Sender<usize>,
     stands: bool,
 }
 
@@ -25,7 +30,12 @@ impl Leaps {
     /// A clock on which every pause is over at once.
     pub(crate) fn leaping() -> Self {
         let start = "2026-03-01T12:00:00Z".parse().expect("a time");
-        Self { clock: ManualClock::new(start), pauses: watch::Sender::default(), stands: false }
+        Self {
+            clock: ManualClock::new(start),
+            pauses: watch::Sender::default(),
+            waits: watch::Sender::default(),
+            stands: false,
+        }
     }
 
     /// A clock that stands.
@@ -45,6 +55,13 @@ impl Leaps {
         all.expect("they come").expect("it is there");
     }
 
+    /// Waits for a number of waits for an answer: for all of it, and for each further piece of a stream.
+    pub(crate) async fn has_waited(&self, waits: usize) {
+        let mut seen = self.waits.subscribe();
+        let all = timeout(PATIENCE, seen.wait_for(|seen| *seen >= waits)).await;
+        all.expect("they come").expect("it is there");
+    }
+
     /// Lets time pass.
     pub(crate) fn pass(&self, by: Duration) {
         self.clock.advance(by);
@@ -58,7 +75,9 @@ impl Clock for Leaps {
 
     fn sleep_until(&self, at: Timestamp) -> Pin<Box<dyn Future<Output = ()> + Send>> {
         let pause = until(self.now(), at);
-        if pause < TIME_OUT {
+        if pause >= WAIT {
+            self.waits.send_modify(|waits| *waits += 1);
+        } else {
             self.pauses.send_modify(|pauses| pauses.push(pause));
             if !self.stands {
                 self.clock.advance(pause);

@@ -132,6 +132,7 @@ pub(crate) async fn serve(
             purpose: Purpose::Usual,
             run: None,
             spec: *spec,
+            holder_metas: Vec::new(),
             tokens: Vec::new(),
             idempotency: None,
         };
@@ -274,7 +275,10 @@ fn submission(round: u32, act: Act) -> Submission {
 pub(crate) fn again(dice: &mut Dice, sent: &Submission) -> Submission {
     let mut again = sent.clone();
     match dice.below(3) {
-        0 => again.decision.usage = Some(Usage { latency_ms: Some(7), ..Usage::default() }),
+        0 => {
+            again.decision.usage =
+                Some(Box::new(Usage { latency_ms: Some(7), ..Usage::default() }));
+        }
         1 => again.decision.reasoning = Some("again".to_owned()),
         _ => {}
     }

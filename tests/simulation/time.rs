@@ -7,7 +7,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use jiff::Timestamp;
-use swarmbench_clock::{Clock, ManualClock, after, until};
+use swarmbench_clock::{Clock, after, until};
+use swarmbench_testkit::host::ManualClock;
 
 use crate::simulation::broken::Flaw;
 

@@ -20,6 +20,7 @@ use swarmbench_engine::{AgentId, Config, Seed, Settings, TaskName, World};
 use swarmbench_journal::Tally;
 use swarmbench_journal::chain::Head;
 use swarmbench_journal::record::{ActRecord, End, Fork, RawRecord, Source, Usage, end_record};
+use swarmbench_protocol::act::{Harness, UsageSums};
 use swarmbench_protocol::failure::Failure;
 use swarmbench_protocol::import::ImportConfig;
 use swarmbench_testkit::dice::Dice;
@@ -495,7 +496,7 @@ impl History {
             model: spec.model.clone(),
             visibility: spec.visibility.name(),
             waiting: spec.begins_waiting(),
-            has_open_seats,
+            is_mixed: has_open_seats,
             has_people: self.dice.one_in(6),
             own_games: spec.own_games,
             clocked: spec.round_deadline.is_some(),
@@ -554,6 +555,11 @@ impl History {
             prompt_tokens: draw.maybe(Self::count),
             completion_tokens: draw.maybe(Self::count),
             latency_ms: draw.maybe(Self::count),
+            first_token_ms: draw.maybe(Self::count),
+            cached_tokens: draw.maybe(Self::count),
+            cache_write_tokens: draw.maybe(Self::count),
+            reasoning_tokens: draw.maybe(Self::count),
+            cost_nano_usd: draw.maybe(Self::count),
         });
         let record = ActRecord {
             agent: agent.to_string(),
@@ -564,9 +570,13 @@ impl History {
             valid: failure.is_none(),
             failure,
             response: self.maybe(Self::said),
-            usage,
+            usage: usage.map(Box::new),
             reasoning: self
                 .maybe(|draw| if draw.dice.one_in(20) { draw.large() } else { draw.said() }),
+            harness: self.maybe(|draw| {
+                let (added, scratchpad) = (draw.maybe(Self::said), draw.maybe(Self::said));
+                Box::new(Harness { history: vec![1], added, scratchpad, ..Harness::default() })
+            }),
             bank_spent_ms: if self.dice.one_in(4) { self.count() } else { 0 },
         };
         let brief = record.clone().brief();
@@ -657,6 +667,12 @@ impl History {
             timeouts: self.count(),
             prompt_tokens: self.count(),
             completion_tokens: self.count(),
+            usage: UsageSums {
+                cached_tokens: self.count(),
+                reasoning_tokens: self.count(),
+                cost_nano_usd: self.count(),
+                ..UsageSums::NONE
+            },
             ..Tally::default()
         };
         for _ in 0..self.dice.below(4) {
@@ -833,10 +849,11 @@ impl History {
             replays: attempt.is_some_and(|_| self.dice.one_in(4)).then_some(1),
             at: self.at(),
             idempotency: self.idempotent(),
-            token: self.dice.one_in(2).then(|| self.hash()),
             closes_at: self.dice.one_in(3).then(|| self.at()),
         };
-        vec![Entry::OpenRun(Box::new(row))]
+        let hash = self.dice.one_in(2).then(|| self.hash());
+        let token = hash.map(|hash| Entry::ReplaceRunToken { run: key, holder: None, hash });
+        [Entry::OpenRun(Box::new(row))].into_iter().chain(token).collect()
     }
 
     fn change_run(&mut self) -> Vec<Entry> {
@@ -846,8 +863,9 @@ impl History {
         let hash = self.hash();
         let sent = *self.dice.pick(&self.tokens);
         match self.dice.below(6) {
-            0 => vec![Entry::ReplaceRunToken { run, hash }],
-            1 => vec![Entry::CheckToken(sent), Entry::ReplaceRunToken { run, hash }],
+            0 => vec![Entry::ReplaceRunToken { run, holder: None, hash }],
+            1 => vec![Entry::CheckToken(sent), Entry::ReplaceRunToken { run, holder: None, hash }],
+            2 => vec![Entry::ReopenRun { run }],
             _ => vec![Entry::EndRun { run, status, at: self.at() }],
         }
     }

@@ -242,6 +242,7 @@ impl Side {
             | Entry::RevokeKey { .. }
             | Entry::Import { .. }
             | Entry::EndRun { .. }
+            | Entry::ReopenRun { .. }
             | Entry::ReplaceRunToken { .. }
             | Entry::VoidEpisode { .. }
             | Entry::VoidRun { .. }
@@ -268,7 +269,7 @@ macro_rules! variants {
 
 variants! {
     CheckToken, Open, BeginForks, Start, Act, Round, End, Claim, Seat, ReplaceTokens, AddKey, RevokeKey, Import, OpenRun, EndRun,
-    ReplaceRunToken, VoidEpisode, VoidRun, AddCompetition, AddEntrant, SetEntrant, DescribeEntrant, RenameEntrant,
+    ReopenRun, ReplaceRunToken, VoidEpisode, VoidRun, AddCompetition, AddEntrant, SetEntrant, DescribeEntrant, RenameEntrant,
     EraseEntrant, ReplaceKey, ChangeCompetition, ExtendAttempts, CancelCompetition, AddInvitations, RevokeInvitations,
     Reveal, Measured, Audit,
 }

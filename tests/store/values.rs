@@ -37,7 +37,7 @@ fn opening(key: i64, model: &str) -> Entry {
         model: model.to_owned(),
         visibility: "public",
         waiting: false,
-        has_open_seats: false,
+        is_mixed: false,
         has_people: false,
         own_games: false,
         clocked: false,
@@ -62,7 +62,6 @@ fn run(key: i64, model: &str) -> Entry {
         closes_at: None,
         at: at(key),
         idempotency: Some((format!("/{model}"), [3; 32])),
-        token: None,
     }))
 }
 

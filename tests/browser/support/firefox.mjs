@@ -1,9 +1,9 @@
 // Debian's Firefox, over WebDriver BiDi, and visitors who use it.
 import { accessSync, constants } from "node:fs";
 import process from "node:process";
-import { after, before, test } from "node:test";
+import { test } from "node:test";
 import puppeteer from "puppeteer-core";
-import { Program } from "./program.mjs";
+import { TEST_MS, siteOf } from "./suite.mjs";
 
 const FIREFOX = process.env.FIREFOX ?? "/usr/bin/firefox-esr";
 
@@ -12,10 +12,8 @@ const PATIENCE_MS = 15_000;
 /** Tabs in the background draw no frames, by which puppeteer waits unless told. */
 const WAIT = { polling: 200 };
 
-/** The timeout of a test. */
-const TEST_MS = 120_000;
-
 /** @typedef {import("puppeteer-core").Page} Page */
+/** @typedef {import("./program.mjs").Program} Program */
 
 function launch() {
   try {
@@ -33,19 +31,7 @@ function launch() {
  * @param {(program: Program) => Promise<D>} fill makes the games, before the first test
  */
 export function suite(options, fill) {
-  /** @type {{program: Program, browser: import("puppeteer-core").Browser, data: D}} */
-  const site = /** @type {any} */ ({});
-  before(
-    async () => {
-      site.program = await Program.start(options);
-      [site.browser, site.data] = await Promise.all([launch(), fill(site.program)]);
-    },
-    { timeout: TEST_MS },
-  );
-  after(async () => {
-    await site.browser?.close();
-    await site.program?.stop();
-  });
+  const site = siteOf(options, fill, launch);
 
   /**
    * A test with a visitor of its own, whose pages must have no fault.

@@ -121,6 +121,34 @@ export const smallSuite = (settings = {}) => ({
   settings: { num_agents: 6, max_round: 20, ...settings },
 });
 
+/** @typedef {(observation: any) => object | null} Act */
+
+/**
+ * A run whose players answer like language models, played to its end; a team plays by a token of each holder.
+ * @param {Program} program
+ * @param {object} request as in `POST /api/v1/runs`
+ * @param {(holder: number, id: string) => Act | Promise<Act>} decides what each holder decides
+ * @returns {Promise<{id: string, token: string}>}
+ */
+export async function spokenRun(program, request, decides) {
+  const { id, swarm_token: token, holder_tokens: others } = await program.post("/api/v1/runs", { visibility: "public", parallel: 8, ...request });
+  const tokens = token ? [token] : others.map((/** @type {{swarm_token: string}} */ { swarm_token }) => swarm_token);
+  await Promise.all(tokens.map(async (/** @type {string} */ token, /** @type {number} */ holder) => play(program, token, await decides(holder, id))));
+  return { id, token };
+}
+
+/**
+ * The same acts with what an endpoint reports of its tokens, and with a cost in billionths of a dollar where one is given.
+ * @param {(observation: any) => any} decide
+ * @param {number | ((observation: any) => number | undefined)} [cost]
+ */
+export const priced = (decide, cost) => (/** @type {any} */ observation) => {
+  const act = decide(observation);
+  const own = typeof cost === "function" ? cost(observation) : cost;
+  const usage = { ...act.usage, first_token_ms: 90, cached_tokens: 512, reasoning_tokens: 12, ...(own !== undefined && { cost_nano_usd: own }) };
+  return { ...act, usage };
+};
+
 const HOUR_MS = 3_600_000;
 
 /**

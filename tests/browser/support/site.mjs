@@ -2,7 +2,7 @@
 import { spawnSync } from "node:child_process";
 import { writeFile } from "node:fs/promises";
 import path from "node:path";
-import { competition, hosted, play, run, smallSuite, spoken, talkative } from "./games.mjs";
+import { competition, hosted, play, priced, run, smallSuite, spoken, spokenRun, talkative } from "./games.mjs";
 import { BINARY } from "./program.mjs";
 
 /**
@@ -51,6 +51,7 @@ export async function full(program, texts = PLAIN) {
   await run(program, { suite: smallSuite(), player: "random", model: texts.name("wanderer") });
   const named = await run(program, { suite: { ...smallSuite(), name: texts.name("forest", 60) }, model: texts.name("explorer") });
   const row = (await program.get(`/api/v1/leaderboard?suite=small`)).items[0].id;
+  const team = await models(program, texts, built);
   const model = texts.name("gpt-x", 200);
   const shown = { task: "Foraging", seed: 27, max_round: 60 };
   const known = await actionsOf(program, await hosted(program, { ...shown, model: texts.name("teacher") }));
@@ -71,8 +72,36 @@ export async function full(program, texts = PLAIN) {
   });
   await program.post("/api/v1/keys", { name: texts.name("team blue") });
   const cup = await openCompetition(program, texts);
-  const games = { built, named, row, talk: talk.id, first, second, live, voided, mixed: mixed.id, cup, closed: await closed };
+  const games = { built, named, row, team, talk: talk.id, first, second, live, voided, mixed: mixed.id, cup, closed: await closed };
   return { ...games, imported: await importOf(program, talk.id) };
+}
+
+/**
+ * Runs of models that report what they cost: one with a harness, and one of a team. Returns the id of the last.
+ * @param {import("./program.mjs").Program} program @param {Texts} texts @param {string} taught a run of the same games, whose choices they know
+ */
+async function models(program, texts, taught) {
+  const suite = smallSuite();
+  const harness = { history: 2, scratchpad: 200 };
+  const gamesOf = async (/** @type {string} */ run) => (await program.get(`/api/v1/runs/${run}`)).games;
+  const nameOf = (/** @type {any} */ { task, seed }) => `${task} ${seed}`;
+  const choices = new Map(await Promise.all((await gamesOf(taught)).map(async (/** @type {any} */ game) => [nameOf(game), await actionsOf(program, game.episode)])));
+  /** Plays as it was taught for some rounds. @param {number} rounds @param {number} cost */
+  const decide = (rounds, cost) => async (/** @type {number} */ _, /** @type {string} */ run) => {
+    const known = (/** @type {any} */ game) => Object.fromEntries(Object.entries(choices.get(nameOf(game)) ?? {}).filter(([name]) => Number.parseInt(name) < rounds));
+    const speakers = new Map((await gamesOf(run)).map((/** @type {any} */ game) => [game.episode, priced(speaks(texts, known(game)), cost)]));
+    return (/** @type {any} */ observation) => speakers.get(observation.episode)(observation);
+  };
+  await spokenRun(program, { suite, model: texts.name("model-small") }, decide(8, 40_000));
+  await spokenRun(program, { suite, model: texts.name("model-mid") }, decide(12, 1_100_000));
+  const large = decide(20, 9_000_000);
+  await spokenRun(program, { suite, model: texts.name("model-large"), temperature: 0.5, agent_meta: { eval: { effort: "low", harness } } }, large);
+  const holders = [
+    { model: texts.name("model-small"), seats: [0, 1, 2, 3] },
+    { model: texts.name("model-large"), seats: [4, 5], agent_meta: { eval: { harness } } },
+  ];
+  const players = [decide(8, 40_000), large];
+  return (await spokenRun(program, { suite, model: texts.name("four and two"), holders }, (holder, run) => players[holder](holder, run))).id;
 }
 
 /**
@@ -184,16 +213,18 @@ async function importOf(program, id) {
 }
 
 /**
- * Every page, with something on it. `needsKey`: an organizer's.
- * @type {{name: string, address: (data: Awaited<ReturnType<typeof full>>) => string, needsKey?: boolean}[]}
+ * Every page, with something on it. `needsKey`: an organizer's; `unfolds`: the summary of what is opened on it.
+ * @type {{name: string, address: (data: Awaited<ReturnType<typeof full>>) => string, needsKey?: boolean, unfolds?: string}[]}
  */
 export const PLACES = [
   { name: "front", address: () => "/" },
   { name: "boards", address: () => "/boards" },
   { name: "board", address: () => "/board/small" },
+  { name: "costs", address: () => "/board/small", unfolds: "Score against cost" },
   { name: "player", address: ({ row }) => `/board/small/${encodeURIComponent(row)}` },
   { name: "runs", address: () => "/runs" },
   { name: "run", address: ({ built }) => `/runs/${built}` },
+  { name: "team", address: ({ team }) => `/runs/${team}` },
   { name: "games", address: () => "/episodes" },
   { name: "game", address: ({ talk }) => `/episodes/${talk}#r=31&a=2` },
   { name: "live", address: ({ live }) => `/episodes/${live.id}` },
@@ -215,6 +246,15 @@ export const PLACES = [
   { name: "desk-cup", address: ({ cup }) => `/desk?view=competition&id=${cup}`, needsKey: true },
   { name: "missing", address: () => "/nowhere" },
 ];
+
+/** Opens what is folded on a place, and shows it. @param {import("playwright-core").Page} page @param {string | undefined} summary */
+export async function unfold(page, summary) {
+  if (!summary) return;
+  const folded = page.getByText(summary, { exact: true });
+  await folded.click();
+  await folded.evaluate((summary) => summary.scrollIntoView());
+  await page.getByText("Loading …").first().waitFor({ state: "hidden" });
+}
 
 /** Tells the watch which faults a place causes. @param {string} name */
 export const expectedAt = (name) => (name === "missing" ? [/404.*\/nowhere|404.*\(Not Found\) \(.*\/nowhere/] : []);

@@ -9,7 +9,32 @@ import { Program } from "./program.mjs";
 const FAILURES = path.join(path.dirname(fileURLToPath(import.meta.url)), "../out/failures");
 
 /** The timeout of a test. */
-const PATIENCE_MS = 120_000;
+export const TEST_MS = 120_000;
+
+/**
+ * A server with games and a browser, from before the first test until after the last.
+ * @template D
+ * @template {{close: () => Promise<void>}} B
+ * @param {{keys?: boolean, args?: string[]}} options
+ * @param {(program: Program) => Promise<D>} fill makes the games
+ * @param {() => Promise<B>} launch starts the browser
+ */
+export function siteOf(options, fill, launch) {
+  /** @type {{program: Program, browser: B, data: D}} */
+  const site = /** @type {any} */ ({});
+  before(
+    async () => {
+      site.program = await Program.start(options);
+      [site.browser, site.data] = await Promise.all([launch(), fill(site.program)]);
+    },
+    { timeout: TEST_MS },
+  );
+  after(async () => {
+    await site.browser?.close();
+    await site.program?.stop();
+  });
+  return site;
+}
 
 /**
  * @template D
@@ -17,19 +42,7 @@ const PATIENCE_MS = 120_000;
  * @param {(program: Program) => Promise<D>} fill makes the games, before the first test
  */
 export function suite(options, fill) {
-  /** @type {{program: Program, browser: import("playwright-core").Browser, data: D}} */
-  const site = /** @type {any} */ ({});
-  before(
-    async () => {
-      site.program = await Program.start(options);
-      [site.browser, site.data] = await Promise.all([launch(), fill(site.program)]);
-    },
-    { timeout: PATIENCE_MS },
-  );
-  after(async () => {
-    await site.browser?.close();
-    await site.program?.stop();
-  });
+  const site = siteOf(options, fill, launch);
 
   /**
    * A test with a visitor of its own, whose pages must have no fault.
@@ -38,7 +51,7 @@ export function suite(options, fill) {
    * @param {Parameters<typeof visitor>[2] & {asOrganizer?: boolean}} [who]
    */
   const visit = (name, run, { asOrganizer, ...who } = {}) =>
-    test(name, { timeout: PATIENCE_MS }, async () => {
+    test(name, { timeout: TEST_MS }, async () => {
       const key = asOrganizer ? site.program.organizer : undefined;
       const one = await visitor(site.browser, site.program, { key, ...who });
       try {

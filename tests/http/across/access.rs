@@ -179,6 +179,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             _ if kind.is_swarm() => None,
             _ => Some(403),
         },
+        "get_swarm_acts" => refusal_of_own_acts(kind, claimed),
         "create_episode" | "create_run" => match kind {
             Kind::None => Some(401),
             // It is for attempts in competitions.
@@ -243,7 +244,7 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
             () if !reads() || !(stage.ended || (oversees() && !stage.mixed)) => Some(403),
             () => None,
         },
-        "start_episode" | "abort_episode" => match () {
+        "start_episode" | "abort_episode" | "repeat_episode" => match () {
             () if !knows() => Some(404),
             () if !kind.owns() => Some(403),
             () => None,
@@ -252,6 +253,17 @@ fn refusal(operation: &str, kind: Kind, stage: Stage) -> Option<u16> {
         "create_key" | "list_keys" | "revoke_key" | "void_episode" | "list_audit"
         | "list_nodes" | "confirm_clock" => organizers_alone(kind),
         of_competitions => refusal_in_competitions(of_competitions, kind, stage),
+    }
+}
+
+/// The same of the own earlier acts of a seat.
+fn refusal_of_own_acts(kind: Kind, claimed: bool) -> Option<u16> {
+    match kind {
+        Kind::None => Some(401),
+        SwarmElsewhere | RunElsewhere => Some(404),
+        ClaimedSwarm if !claimed => Some(404),
+        _ if kind.is_swarm() => None,
+        _ => Some(403),
     }
 }
 
@@ -592,6 +604,14 @@ impl World {
         let path = path.replace("{member}", &self.teammate);
         let path = path.replace("{run}", &self.attempt.run).replace("{file}", "acts.jsonl");
         let path = path.replace("{round}", "0").replace("{agent}", "Agent_0");
+        let path = if operation == "get_swarm_acts" {
+            let is_claimed = kind == ClaimedSwarm && stage.mixed;
+            let own =
+                if is_claimed { text(&claimed["seats"][0]["agent"]) } else { "Agent_0".to_owned() };
+            format!("{path}?episode={}&agent={own}", episode.id)
+        } else {
+            path
+        };
         let mut call = self.app.call(method.clone(), &path);
         if let Some(header) = self.header(kind, &episode, &claimed) {
             call = call.header("authorization", &header);
@@ -634,7 +654,9 @@ impl World {
             "start_attempt" | "start_practice" => call.json(&json!({ "entrant": self.entrant.id })),
             "void_attempt" => call.json(&json!({ "reason": "a power cut" })),
             "create_run" => call.json(&run_request("owner")),
-            "void_episode" | "cancel_competition" => call.json(&json!({ "reason": "a test" })),
+            "void_episode" | "repeat_episode" | "cancel_competition" => {
+                call.json(&json!({ "reason": "a test" }))
+            }
             _ => call,
         };
         if ["stream_events", "stream_run_events"].contains(&operation) {

@@ -6,9 +6,10 @@ use rstest::rstest;
 use serde_json::{Value, json};
 use swarmbench_client::client::Client;
 use swarmbench_client::play::play;
-use swarmbench_clock::{Entropy, SeededEntropy};
+use swarmbench_clock::Entropy;
 use swarmbench_engine::TaskName;
 use swarmbench_protocol::episode::EpisodeRequest;
+use swarmbench_testkit::host::SeededEntropy;
 use tokio::task::JoinSet;
 
 use crate::app::{TestApp, list};

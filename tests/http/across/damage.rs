@@ -279,3 +279,18 @@ async fn what_is_stored_a_second_time_is_compared_with_the_records() {
     let subjects: Vec<_> = found.iter().map(|damage| damage.subject.as_str()).collect();
     assert_eq!(subjects, ["act of agent 1 in round 0 of episode 1"], "{found:?}");
 }
+
+/// A worth is stored beside the metrics of its game.
+#[tokio::test]
+async fn a_game_whose_worth_was_asked_for_is_sound() {
+    let app = TestApp::start().await;
+    let request = json!({ "task": "Foraging", "num_agents": 2, "max_round": 1 });
+    let episode = app.create(request).await;
+    app.all_act(&episode, "STAY").await;
+    let path = format!("/api/v1/episodes/{}/worth", episode.id);
+    assert_eq!(app.get(&path).ok().await["rounds"], 1);
+    let rows = "SELECT count(*) FROM metrics WHERE embedder LIKE 'worth%'";
+    assert_eq!(app.count(rows).await, 2);
+    let checked = check(app.location(), &FORMATS, |_, _| ()).await.expect("read");
+    assert!(checked.is_sound() && checked.episodes == 1, "{checked:?}");
+}

@@ -72,3 +72,61 @@ async fn an_unknown_reader_is_refused() {
     check_problem(&serde_json::from_str(&text).expect("JSON"), 422, "invalid");
     assert!(text.contains("answer_reader") && text.contains("first-marker"), "{text}");
 }
+
+#[tokio::test]
+async fn answers_in_json_are_read_and_verified() {
+    let app = TestApp::start().await;
+    let episode = app.create(episode(Some("json"))).await;
+    for (round, response, action, failure) in [
+        (
+            0,
+            r#"Sure: ```json {"action": "switch", "message": "now", "notes": [1]} ```"#,
+            json!("SWITCH"),
+            Value::Null,
+        ),
+        (1, r#"ACTION: SWITCH {"message": null}"#, Value::Null, json!("no_marker")),
+    ] {
+        let act = json!({ "round": round, "response": response });
+        let receipt = app.act(episode.seat(0), &act).await;
+        assert_eq!((&receipt["action"], &receipt["failure"]), (&action, &failure), "{receipt}");
+    }
+    let journal = app.journal(&episode).await;
+    assert!(journal.contains(r#""answer_reader":"json""#));
+    assert_eq!(verified(&journal).rounds, 2);
+}
+
+/// What a harness adds is bounded, and is for answers of models alone.
+#[tokio::test]
+async fn a_harness_is_stored_with_its_act_or_refused() {
+    let app = TestApp::start().await;
+    let episode = app.create(episode(None)).await;
+    let act = |harness: Value| json!({ "round": 0, "response": ANSWER, "harness": harness });
+    let one = json!({ "response": "", "told": "" });
+    for (harness, field) in [
+        (json!({ "history": [0] }), "harness.history"),
+        (json!({ "history": vec![0; 21] }), "harness.history"),
+        (json!({ "carried": [0] }), "harness.carried"),
+        (json!({ "tries": vec![one; 9] }), "harness.tries"),
+        (json!({ "scratchpad": "x".repeat(70_000) }), "harness"),
+        (json!({ "memory": 1 }), "harness"),
+    ] {
+        let answer = app.post("/act").token(episode.seat(0)).json(&act(harness)).send().await;
+        let text = answer.text();
+        check_problem(&serde_json::from_str(&text).expect("JSON"), 422, "invalid");
+        assert!(text.contains(field), "{text}");
+    }
+    let structured = json!({ "round": 0, "action": "STAY", "harness": { "added": "x" } });
+    app.post("/act").token(episode.seat(0)).json(&structured).problem(422, "invalid").await;
+    app.act(episode.seat(0), &act(json!({ "added": "more", "scratchpad": "notes" }))).await;
+    app.act(
+        episode.seat(0),
+        &json!({ "round": 1, "response": ANSWER, "harness": { "history": [0] } }),
+    )
+    .await;
+    let path = format!("/api/v1/episodes/{}/rounds/0/agents/Agent_0", episode.id);
+    let shown = app.get(&path).ok().await;
+    assert_eq!(shown["act"]["harness"], json!({ "added": "more", "scratchpad": "notes" }));
+    let journal = app.journal(&episode).await;
+    assert!(journal.contains(r#""harness":{"history":[0]}"#), "{journal}");
+    assert_eq!(verified(&journal).rounds, 2);
+}

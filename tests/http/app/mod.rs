@@ -1,6 +1,7 @@
 //! A server for one test, and what a client does with it.
 
 mod call;
+mod disk;
 mod episode;
 pub(crate) mod mcp;
 pub(crate) mod program;
@@ -14,14 +15,14 @@ use std::time::{Duration, Instant};
 use reqwest::{Client, Method};
 use serde_json::Value;
 use sqlx::{AssertSqlSafe, Connection as _};
-use swarmbench::host::ManualDisk;
 use swarmbench::http::limits::Limits;
 use swarmbench::http::{Access, Source};
 use swarmbench::keys::{Key, KeyRow, Role};
 use swarmbench::server::{Parts, Server, StartError};
 use swarmbench::store::entries::Entry;
 use swarmbench::store::{Joining, Location, Store};
-use swarmbench_clock::{Clock as _, ManualClock, SeededEntropy, SystemClock};
+use swarmbench_clock::{Clock as _, SystemClock};
+use swarmbench_testkit::host::{ManualClock, SeededEntropy};
 use swarmbench_testkit::postgres::Scratch;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
@@ -31,6 +32,7 @@ use tokio::task::JoinHandle;
 pub(crate) use self::call::{
     Call, DOCUMENT, HttpAnswer, check_problem, fields, list, number, texts,
 };
+use self::disk::ManualDisk;
 pub(crate) use self::episode::{Episode, game, verified};
 
 /// Longer than anything takes, so that a test that hangs fails.

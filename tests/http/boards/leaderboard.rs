@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 use swarmbench::run::definition::Definition;
 use swarmbench::standings::Standings;
+use swarmbench_boards::run::sampling;
 use swarmbench_engine::TaskName;
 use swarmbench_testkit::needs;
 
@@ -97,7 +98,8 @@ async fn the_same_as_csv() {
          synchronization_games,synchronization_planned,difference,difference_low,difference_high,difference_pairs,\
          invalid_share,timeout_share,voided,row,difference_to,row_rules,converted,other_rules,kind,prompt,answer_reader,\
          failed_refusal,failed_content_filter,failed_truncated,failed_tool_call,failed_reasoning_only,failed_rejected,\
-         failed_empty,failed_no_marker,failed_unknown_action"
+         failed_empty,failed_no_marker,failed_unknown_action,sampling,prompt_tokens,completion_tokens,\
+         cached_tokens,cache_write_tokens,reasoning_tokens,cost_usd,costs_are_whole,holders"
     );
     let records = records(&answer);
     let rows = list(&json["items"]);
@@ -481,7 +483,7 @@ async fn the_command_line_shows_a_board_of_a_server() {
         "broken off ?",
         "aborted, declared",
         "2/4",
-        "1 voided by the host",
+        "1 not counted",
         "6.2 % invalid",
         "4.0 % out of time",
         "95 %:",
@@ -566,4 +568,26 @@ async fn a_run_is_on_the_board_with_the_numbers_of_its_own_page() {
     void.json(&json!({ "reason": "a test" })).ok().await;
     let row = list(&board(&app, "suite=two").await["items"])[0].clone();
     assert_eq!((&row["voided"], &row["tasks"]["Foraging"]["planned"]), (&json!(1), &json!(1)));
+}
+
+#[test]
+fn what_an_evaluation_samples_with_is_told_in_short() {
+    let told = |eval: Value| sampling(eval.as_object().expect("an object"));
+    assert_eq!(told(json!({ "identity": "0", "prompt_revision": 2 })), None);
+    assert_eq!(told(json!({ "extra": { "user": "me" } })), None);
+    assert_eq!(
+        told(json!({
+            "extra": { "user": "me", "top_k": 20, "chat_template_kwargs": { "enable_thinking": false } },
+            "max_tokens": 64, "effort": "low",
+        })),
+        Some(
+            "effort low, max_tokens 64, top_k 20, chat_template_kwargs {\"enable_thinking\":false}"
+                .to_owned()
+        )
+    );
+    // Long ones that differ at their end differ.
+    let long =
+        |end: &str| told(json!({ "extra": { "logit_bias": format!("{}{end}", "ä".repeat(500)) } }));
+    let (one, other) = (long("1").expect("a text"), long("2").expect("a text"));
+    assert!(one != other && one.len() < 200 && one.starts_with("logit_bias ää"), "{one}");
 }

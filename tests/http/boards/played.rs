@@ -20,13 +20,14 @@ use swarmbench::store::Store;
 use swarmbench::store::entries::ImportRow;
 use swarmbench::store::entries::{Entry, Holder, RunRow};
 use swarmbench::work::Workers;
-use swarmbench_clock::{Clock, ManualClock, SeededEntropy};
+use swarmbench_clock::Clock;
 use swarmbench_engine::{Act, Action, AgentId, Config, Seed, Settings, TaskName};
 use swarmbench_journal::record::{Decision, RecordedConfig};
 use swarmbench_protocol::carried::Carried;
 use swarmbench_protocol::failure::Failure;
 use swarmbench_protocol::import::ImportConfig;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
+use swarmbench_testkit::host::{ManualClock, SeededEntropy};
 
 use crate::app::TestApp;
 
@@ -93,6 +94,7 @@ fn of(suite: Suite, model: &str) -> Definition {
         prompt_template: None,
         prompt_revision: 1,
         player: None,
+        holders: Vec::new(),
         parallel: 1,
         visibility: "public".to_owned(),
         idle_timeout_ms: 86_400_000,
@@ -182,7 +184,6 @@ impl Offline {
             closes_at: None,
             at: self.clock.now(),
             idempotency: None,
-            token: None,
         };
         let id = row.id.clone();
         self.store.keep(vec![Entry::OpenRun(Box::new(row))]).await.expect("it is kept");
@@ -292,7 +293,16 @@ impl Offline {
         let id = EpisodeId::new(self.clock.now(), &self.entropy);
         let (party, purpose) = (Party::of_key(owner), Purpose::Usual);
         let tokens = Vec::new();
-        let creation = Creation { id, party, purpose, run, spec, tokens, idempotency: None };
+        let creation = Creation {
+            id,
+            party,
+            purpose,
+            run,
+            spec,
+            holder_metas: Vec::new(),
+            tokens,
+            idempotency: None,
+        };
         let handle = self.registry.create(creation).await.expect("it is created");
         self.last = handle.key;
         self.game = Some(handle.clone());

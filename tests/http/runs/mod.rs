@@ -11,6 +11,7 @@ mod restart;
 mod scores;
 mod show;
 mod suites;
+mod team;
 mod token;
 mod void;
 

@@ -61,3 +61,78 @@ async fn what_is_voided_after_the_end_counts_for_nothing() {
     assert_eq!(after["tasks"][0]["deviation"], 0.0);
     assert_eq!(list(&after["games"]).len(), 4);
 }
+
+async fn repeat(app: &TestApp, episode: &str, key: &str) -> HttpAnswer {
+    let call = app.post(&format!("/api/v1/episodes/{episode}/repeat")).token(key);
+    call.json(&json!({ "reason": "the endpoint was ill" })).send().await
+}
+
+#[tokio::test]
+async fn the_creator_of_a_run_has_a_game_played_again() {
+    let app = TestApp::builder().keys().start().await;
+    let (owner, _) = app.key(json!({ "name": "owner" })).await;
+    let (other, _) = app.key(json!({ "name": "other" })).await;
+    let request = with(small(), &json!({ "parallel": 2, "visibility": "public" }));
+    let run = TestRun::of(&app.post("/api/v1/runs").token(&owner).json(&request).ok().await);
+    let first = text(&run.created["games"][0], "episode").to_owned();
+    let open = repeat(&app, &first, &owner).await;
+    assert_eq!((open.status, &open.json()["code"]), (409, &json!("changed")), "{}", open.text());
+    play(&app, &run).await;
+    let before = show(&app, &run).await;
+    assert_eq!(repeat(&app, &first, &other).await.status, 403);
+    let kept = repeat(&app, &first, &run.token).await;
+    assert_eq!(kept.status, 200, "{}", kept.text());
+    assert_eq!(kept.json()["void_reason"], "played again: the endpoint was ill");
+    // Once more changes nothing: it is open again already.
+    assert_eq!(repeat(&app, &first, &owner).await.status, 200);
+    let open = show(&app, &run).await;
+    assert_eq!((&open["status"], &open["ended_at"]), (&json!("running"), &json!(null)));
+    assert_eq!(slots(&open, "running"), [0]);
+    play(&app, &run).await;
+    let result = show(&app, &run).await;
+    assert_eq!(result["status"], "finished");
+    let told = ["played", "planned", "voided"].map(|field| number(&result[field]));
+    assert_eq!(told, [4, 4, 1]);
+    assert_eq!(slots(&result, "finished"), [0, 0, 1, 2, 3]);
+    let games = list(&result["games"]);
+    assert_eq!(
+        (&games[0]["episode"], &games[0]["score"]),
+        (&json!(first), &before["games"][0]["score"])
+    );
+    let journal = app.get(&format!("/api/v1/episodes/{first}/journal")).send().await;
+    assert_eq!(journal.status, 200, "what was played stays");
+}
+
+#[tokio::test]
+async fn what_ended_otherwise_is_not_played_again_nor_too_often() {
+    let app = TestApp::start().await;
+    let run = TestRun::of(
+        &app.post("/api/v1/runs").json(&with(small(), &json!({ "parallel": 4 }))).ok().await,
+    );
+    for times in 0..=20 {
+        let open = show(&app, &run).await;
+        let games = list(&open["games"]);
+        let current = games.iter().find(|game| game["slot"] == 0 && game["void_reason"].is_null());
+        let current = text(current.expect("a game"), "episode").to_owned();
+        play_game(&app, &run, &current).await;
+        let answer = repeat(&app, &current, &run.token).await;
+        let expected = if times < 20 { 200 } else { 409 };
+        assert_eq!(answer.status, expected, "{times}: {}", answer.text());
+        assert!(times < 20 || answer.text().contains("game_repeats_max"), "{}", answer.text());
+    }
+    let episode =
+        app.post("/api/v1/episodes").json(&json!({ "task": "Foraging", "seed": 1 })).ok().await;
+    let alone = repeat(&app, text(&episode, "id"), text(&episode, "swarm_token")).await;
+    assert_eq!((alone.status, &alone.json()["code"]), (409, &json!("changed")));
+    app.delete(&format!("/api/v1/runs/{}", text(&run.created, "id"))).token(&run.token).ok().await;
+    let games = show(&app, &run).await;
+    let last = list(&games["games"]).iter().find(|game| game["void_reason"].is_null()).cloned();
+    let last = last.expect("a game");
+    let over = repeat(&app, text(&last, "episode"), &run.token).await;
+    assert_eq!(
+        (over.status, &over.json()["code"]),
+        (409, &json!("episode_over")),
+        "{}",
+        over.text()
+    );
+}

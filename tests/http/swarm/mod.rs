@@ -1,6 +1,7 @@
 //! Several seats in one call.
 
 mod act;
+mod acts;
 mod obs;
 mod step;
 

@@ -3,8 +3,9 @@
 use std::io::Write;
 use std::time::Duration;
 
+use crate::host::SeededEntropy;
 use sha2::{Digest, Sha256};
-use swarmbench_clock::{Entropy, SeededEntropy};
+use swarmbench_clock::Entropy;
 
 /// The default seed of all tests that draw, fixed so that a passed test repeats its draws. `.ci/full` chooses others.
 const SEED: u64 = 20_260_301;

@@ -3,11 +3,12 @@
 
 use std::fmt::Debug;
 
+use crate::host::SeededEntropy;
 use bolero::bolero_engine::input::Bytes;
 use bolero::bolero_engine::panic::{forward_panic, set_hook};
 use bolero::generator::bolero_generator::driver::Options;
 use bolero::{Engine, Test};
-use swarmbench_clock::{Entropy as _, SeededEntropy};
+use swarmbench_clock::Entropy as _;
 
 use crate::dice;
 

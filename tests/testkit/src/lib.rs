@@ -5,6 +5,7 @@ pub mod corners;
 pub mod dice;
 #[cfg(feature = "fuzz")]
 pub mod fuzz;
+pub mod host;
 pub mod latencies;
 pub mod oracle;
 #[cfg(feature = "servers")]

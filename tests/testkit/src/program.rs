@@ -240,11 +240,7 @@ impl Server {
 
     /// The most memory that the process has had resident, in MiB; 0 where the host does not say.
     pub fn memory_peak_mib(&self) -> u64 {
-        let status = format!("/proc/{}/status", self.child.id());
-        let status = std::fs::read_to_string(status).unwrap_or_default();
-        let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-        let kib = peak.and_then(|peak| peak.trim().trim_end_matches(" kB").parse::<u64>().ok());
-        kib.unwrap_or_default() / 1024
+        peak_memory_bytes(self.pid()).unwrap_or_default() >> 20
     }
 
     /// The exit status of the process, if it has ended by itself.
@@ -331,6 +327,14 @@ impl Drop for Server {
     fn drop(&mut self) {
         self.end();
     }
+}
+
+/// Peak memory of a process. `None` if the process has ended, or the host does not report it.
+pub fn peak_memory_bytes(process: u32) -> Option<u64> {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    kib.checked_mul(1024)
 }
 
 /// Log lines that report a problem. Not being ready yet is no problem.

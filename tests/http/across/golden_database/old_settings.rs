@@ -10,8 +10,8 @@ use swarmbench::run::definition::Definition;
 use swarmbench::store::Store;
 use swarmbench::store::entries::{Entry, RunRow};
 use swarmbench_boards::competition::verify::verify as verify_competition;
-use swarmbench_clock::SeededEntropy;
 use swarmbench_protocol::suite::{Suite, SuiteSettings};
+use swarmbench_testkit::host::SeededEntropy;
 
 use super::*;
 use crate::app::{fields, number};
@@ -137,6 +137,7 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
         prompt_template: None,
         prompt_revision: 1,
         player: None,
+        holders: Vec::new(),
         parallel: 1,
         visibility: Visibility::Public.name().to_owned(),
         idle_timeout_ms: 86_400_000,
@@ -159,11 +160,12 @@ async fn keep_old_run(app: &TestApp) -> (String, String) {
         closes_at: None,
         at: app.now(),
         idempotency: None,
-        token: Some(token.hash()),
         definition: serde_json::to_string(&definition).expect("string keys"),
     };
     let id = row.id.clone();
-    store.keep(vec![Entry::OpenRun(Box::new(row))]).await.expect("it is kept");
+    let hash = token.hash();
+    let token_of_run = Entry::ReplaceRunToken { run: row.run, holder: None, hash };
+    store.keep(vec![Entry::OpenRun(Box::new(row)), token_of_run]).await.expect("it is kept");
     store.close().await;
     (id, token.reveal().to_owned())
 }
