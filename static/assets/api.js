@@ -103,6 +103,9 @@ export async function request(path, options) {
   return response.status === 204 ? null : response.json();
 }
 
+/** A random text, so that a repeated request does not do its work twice. */
+export const onceKey = () => [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+
 /**
  * The path of a route with its values escaped: route`/api/v1/runs/${id}`.
  * @param {TemplateStringsArray} parts

@@ -14,7 +14,7 @@ const ROUTES = [
   { path: "/tasks/:task", page: "task", title: "Task" },
   { path: "/boards", page: "boards", title: "Boards", style: true },
   { path: "/board/:suite", page: "board", title: "Board", style: true },
-  { path: "/board/:suite/:row", page: "player", title: "Player", style: true },
+  { path: "/board/:suite/:row", page: "player", title: "Player" },
   { path: "/runs", page: "runs", title: "Runs" },
   { path: "/runs/:id", page: "run", title: "Run" },
   { path: "/episodes", page: "episodes", title: "Games" },

@@ -1,7 +1,7 @@
 // The table of a board.
 import { html } from "../ui.js";
 import { Marks, PARTS, Score, Settings, Sign, rowHref, scale, totalOf } from "../parts/boards.js";
-import { isTied, short } from "../parts/chart.js";
+import { dollars, isTied, short } from "../parts/chart.js";
 import { METRICS, metricName } from "../parts/metrics.js";
 import { failuresText, percent } from "../parts/status.js";
 import { SortHead, Table } from "../parts/table.js";
@@ -18,7 +18,8 @@ import { Text } from "../parts/text.js";
  */
 export function Rows({ rows, board, sort, sortBy }) {
   const parts = PARTS.map(({ has, ...part }) => ({ ...part, rows: rows.filter(has) })).filter((part) => part.rows.length > 0);
-  const heads = [PLAYER, ...columnsOf(rows, board)].map(
+  const hasCosts = rows.some(hasCost);
+  const heads = [PLAYER, ...columnsOf(rows, board, hasCosts)].map(
     ({ key, name, isUp, about }) =>
       html`<${SortHead} name=${name} by=${key} isUp=${isUp} isNumber=${key !== PLAYER.key} about=${about} sort=${sort} onSort=${sortBy} />`,
   );
@@ -27,15 +28,15 @@ export function Rows({ rows, board, sort, sortBy }) {
       const isNamed = parts.length > 1 || name !== "models";
       return html`<tbody key=${name}>
         ${isNamed && html`<tr class="part"><th scope="rowgroup" colspan=${heads.length + 1}>${label}</th></tr>`}
-        <${Part} rows=${rows} board=${board} sort=${sort} />
+        <${Part} rows=${rows} board=${board} sort=${sort} hasCosts=${hasCosts} />
       </tbody>`;
     })}
   <//>`;
 }
 
-/** @param {{rows: any[], board: any, sort: string}} props */
-function Part({ rows, board, sort }) {
-  const columns = columnsOf(rows, board);
+/** @param {{rows: any[], board: any, sort: string, hasCosts: boolean}} props */
+function Part({ rows, board, sort, hasCosts }) {
+  const columns = columnsOf(rows, board, hasCosts);
   const isByServer = sort === board.sort;
   const sorted = isByServer ? rows : order(rows, columns, sort);
   // Rows whose order is not sure, and those that share a rank, stand together.
@@ -54,8 +55,24 @@ function Part({ rows, board, sort }) {
 /** @type {Column} */
 const PLAYER = { key: "player", name: "Player", isUp: true, value: (row) => row.model.toLowerCase(), cell: () => null };
 
-/** The columns with a value for each row. Scores of these rows have one scale. @param {any[]} rows @param {any} board @returns {Column[]} */
-const columnsOf = (rows, board) => [...scores(rows, board), ...FAILURES, ...metrics(board)];
+/**
+ * The columns with a value for each row. Scores of these rows have one scale.
+ * @param {any[]} rows @param {any} board @param {boolean} hasCosts @returns {Column[]}
+ */
+const columnsOf = (rows, board, hasCosts) => [...scores(rows, board), ...(hasCosts ? [COST] : []), ...FAILURES, ...metrics(board)];
+
+/** Whether the cost of a row is known, at least in part. @param {any} row */
+export const hasCost = ({ cost_usd = null }) => cost_usd !== null;
+
+/** @type {Column} */
+const COST = {
+  key: "cost",
+  name: "$ a game",
+  about: "Mean cost of a game in US dollars; ≥ where the cost of some answers is unknown",
+  isUp: true,
+  value: ({ cost_usd = null }) => cost_usd,
+  cell: ({ cost_usd = null, costs_are_whole }) => (cost_usd === null ? "–" : `${costs_are_whole ? "" : "≥ "}${dollars(cost_usd)}`),
+};
 
 /** @param {any[]} rows @param {any} board @returns {Column[]} */
 function scores(rows, board) {

@@ -1,6 +1,5 @@
 // The two games side by side: where they part, their maps, the agents that differ, and their settings.
 import { html, useEffect, useRef, useState } from "../ui.js";
-import { Shown } from "../game/round.js";
 import { actionOf, resultOf, saidBy } from "../parts/actions.js";
 import { IN_WORDS, signsIn } from "../parts/cell.js";
 import { short } from "../parts/chart.js";
@@ -9,7 +8,7 @@ import { isLive } from "../parts/game.js";
 import { GameMap } from "../parts/map.js";
 import { Items } from "../parts/listed.js";
 import { pageOf } from "../parts/served.js";
-import { Table } from "../parts/table.js";
+import { Shown, Table } from "../parts/table.js";
 import { Text } from "../parts/text.js";
 import { BarLegend, WithBar, sharesOf } from "../parts/worth.js";
 import { differences, findDifference } from "./pair.js";

@@ -1,11 +1,13 @@
 // What a competition is: its phase and times, texts of its organizers, settings, and commitment.
 import { html } from "../ui.js";
 import { Copyable } from "../parts/copy.js";
+import { duration } from "../parts/duration.js";
 import { More } from "../parts/pages.js";
 import { rulesText, seedsOf, settingsText, tieBreaksText } from "../parts/rules.js";
+import { Facts } from "../parts/table.js";
 import { TASKS } from "../parts/tasks.js";
 import { Lines, Text, visible } from "../parts/text.js";
-import { Countdown, Time, duration } from "../parts/time.js";
+import { Countdown, Time } from "../parts/time.js";
 
 /** Phases in words for visitors. */
 const MEANING = {
@@ -111,8 +113,7 @@ export function Rules({ competition }) {
     ["Games", `${settingsText(suite.settings ?? {})}.`],
     ["The closing moment", CLOSING],
   ];
-  const shown = /** @type {any[][]} */ (facts.filter(Boolean));
-  return html`<dl class="facts">${shown.map(([name, text]) => html`<dt>${name}</dt><dd>${text}</dd>`)}</dl>`;
+  return html`<${Facts} facts=${facts} />`;
 }
 
 /** @param {{competition: any}} props */

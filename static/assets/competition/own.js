@@ -1,6 +1,6 @@
 // The entrant of the key of this tab: its place, its next step, its attempts, practice, and changes to itself.
 import { html, useRef, useState } from "../ui.js";
-import { request, route } from "../api.js";
+import { onceKey, request, route } from "../api.js";
 import { ActButton } from "../parts/act.js";
 import { short } from "../parts/chart.js";
 import { Commands, Secret } from "../parts/copy.js";
@@ -103,11 +103,11 @@ const Attempts = ({ attempts, renew }) => html`<${Items} items=${attempts} label
 /** @param {{competition: any, entrant: string, closes: string, started: (answer: any) => void}} props closes: the window of the attempt */
 function Start({ competition, entrant, closes, started }) {
   // A retry after a lost answer is the same start.
-  const start = useRef(newName());
+  const start = useRef(onceKey());
   const send = async () => {
     const path = route`/api/v1/competitions/${competition.id}/attempts`;
     started(await request(path, { method: "POST", body: { entrant }, idempotencyKey: start.current }));
-    start.current = newName();
+    start.current = onceKey();
   };
   return html`<${ActButton} label="Start the next attempt" title="Start the next attempt?" isDangerous=${false} isPrimary act=${send}>
     <p>
@@ -117,9 +117,6 @@ function Start({ competition, entrant, closes, started }) {
     <p>No round of it begins after <${Time} value=${closes} both />.</p>
   <//>`;
 }
-
-/** A unique name of a start. */
-const newName = () => Array.from(crypto.getRandomValues(new Uint32Array(4)), (part) => part.toString(36)).join("-");
 
 /** @param {{run: string, token: string, label?: string}} props */
 const HowToPlay = ({ run, token, label = "The token of this attempt" }) => html`<div role="status">

@@ -13,6 +13,7 @@ import { seedsOf } from "../parts/rules.js";
 import { OnSpareSeeds, failuresText, percent } from "../parts/status.js";
 import { Name, Text } from "../parts/text.js";
 import { Time } from "../parts/time.js";
+import { samplingText } from "../parts/words.js";
 
 /** Pauses between readings of the first rows and of a whole board, and the maximum number of rows in an answer. */
 const REFRESH_MS = 15_000;
@@ -162,12 +163,8 @@ export function Entrants({ list, hasCategories, own }) {
     ["Name", name],
     hasCategories && ["Category", (one) => html`<${Text} value=${one.category} />`],
     ["Model, as declared", (one) => html`<${Name} value=${one.model} />${one.vouched && html` <span class="badge">vouched</span>`}`],
-    ["Sampling", samplingOf],
+    ["Sampling", (one) => samplingText(one) || "–"],
     ["Prompt", (one) => (one.prompt_template ? html`its own, <code>${one.prompt_template}</code>` : "built-in")],
     ["Entered", (one) => html`<${Time} value=${one.registered_at} />`],
   ]} />`;
 }
-
-/** @param {{temperature?: number | null, top_p?: number | null}} entrant */
-const samplingOf = ({ temperature = null, top_p = null }) =>
-  [temperature !== null && `temperature ${temperature}`, top_p !== null && `top-p ${top_p}`].filter(Boolean).join(", ") || "–";

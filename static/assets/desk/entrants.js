@@ -7,12 +7,10 @@ import { Form } from "../parts/form.js";
 import { Items, unseen, useFilter } from "../parts/listed.js";
 import { useLoaded } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
+import { Shown } from "../parts/table.js";
 import { Team } from "../parts/team.js";
 import { Name, Text, visible } from "../parts/text.js";
 import { Time } from "../parts/time.js";
-
-/** The number of rows that are shown at first, and with each request for more. */
-const ROWS = 50;
 
 /** The maximum number of names in a dialog: what will happen stays in sight above them. */
 const NAMES_SHOWN = 10;
@@ -41,7 +39,6 @@ export function Entrants({ competition, items, mayChange, done }) {
   const [made, setMade] = useState(/** @type {{name: string, key: string} | null} */ (null));
   const [detailed, setDetailed] = useState("");
   const [chosen, setChosen] = useState(/** @type {Set<string>} */ (new Set()));
-  const [rows, setRows] = useState(ROWS);
   const opener = useRef(/** @type {HTMLElement | null} */ (null));
   const textOf = (/** @type {any} */ one) => [one.name, one.model, one.category, one.reason, one.id].join("\n");
   const { shown, inputs } = useFilter(items, { name: "entrants", textOf, statusOf, placeholder: "a name, a model, a reason" });
@@ -73,13 +70,14 @@ export function Entrants({ competition, items, mayChange, done }) {
       <button type="button" onClick=${show(one.id)}>Details</button>
     <//>`],
   ];
+  const table = (/** @type {any[]} */ some) =>
+    html`<${Items} items=${some} label="Table of entrants" columns=${columns} header=${mayChange ? 1 : 0} look=${(one) => one.status !== "active" && "out"} />`;
   return html`
     <${Made} value=${made?.key} label=${`The new key of ${visible(made?.name)}`} to="the entrant"><p>The earlier key is not accepted any more.</p><//>
     ${one && html`<${Details} key=${one.id} competition=${competition} one=${one} mayChange=${mayChange} done=${done} close=${close} />`}
     ${inputs}
     ${mayChange && html`<${Many} id=${id} chosen=${items.filter((one) => chosen.has(one.id))} clear=${() => setChosen(new Set())} done=${done} />`}
-    <${Items} items=${shown.slice(0, rows)} label="Table of entrants" columns=${columns} header=${mayChange ? 1 : 0} look=${(one) => one.status !== "active" && "out"} />
-    ${shown.length > rows && html`<p><button type="button" onClick=${() => setRows(rows + ROWS)}>More</button></p>`}`;
+    <${Shown} items=${shown} wrap=${table} />`;
 }
 
 /** Changes of the entrants that are chosen. @param {{id: string, chosen: any[], clear: () => void, done: () => void}} props */

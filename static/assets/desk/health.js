@@ -3,10 +3,12 @@ import { html, useRef } from "../ui.js";
 import { Problem, request, send } from "../api.js";
 import { ActButton } from "../parts/act.js";
 import { Sparkline, short } from "../parts/chart.js";
+import { duration } from "../parts/duration.js";
 import { useLoaded } from "../parts/load.js";
 import { Waiting } from "../parts/problem.js";
+import { Facts } from "../parts/table.js";
 import { Text } from "../parts/text.js";
-import { Time, duration } from "../parts/time.js";
+import { Time } from "../parts/time.js";
 
 const EVERY_MS = 3000;
 
@@ -108,7 +110,7 @@ function Load({ samples, kept }) {
       <${Sparkline} values=${acts} range=${[0, Math.max(1, ...acts)]} width=${240} height=${48} label="Acts a second in the last minute" />
       <span><span class="large number">${short(acts.at(-1) ?? null)}</span> acts a second</span>
     </p>
-    <dl class="facts">${facts.map(([name, text]) => html`<dt>${name}</dt><dd class="number">${text}</dd>`)}</dl>`;
+    <${Facts} facts=${facts} look="number" />`;
 }
 
 /** The growth of a counter per second, between samples. A restart of the server sets it to 0. @param {any[]} kept @param {string} name */

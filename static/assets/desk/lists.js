@@ -3,6 +3,7 @@ import { html, useState } from "../ui.js";
 import { request, route } from "../api.js";
 import { ActMenu } from "../parts/act.js";
 import { Made } from "../parts/copy.js";
+import { duration } from "../parts/duration.js";
 import { Form } from "../parts/form.js";
 import { Items, ListTable, unseen } from "../parts/listed.js";
 import { useLoaded } from "../parts/load.js";
@@ -10,7 +11,7 @@ import { Details, Subject, actionText } from "../parts/organizers.js";
 import { usePages } from "../parts/pages.js";
 import { ProblemNote, Waiting } from "../parts/problem.js";
 import { Name, Text, visible } from "../parts/text.js";
-import { Time, duration } from "../parts/time.js";
+import { Time } from "../parts/time.js";
 
 const AUDIT_MS = 10_000;
 const SERVERS_MS = 2000;

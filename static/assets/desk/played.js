@@ -8,9 +8,11 @@ import { Secret } from "../parts/copy.js";
 import { Choice } from "../parts/filters.js";
 import { ListTable, unseen } from "../parts/listed.js";
 import { usePages } from "../parts/pages.js";
-import { AttemptGames, AttemptStatus, OnSpareSeeds, roundsText, visibleTo } from "../parts/status.js";
+import { AttemptGames, AttemptStatus, OnSpareSeeds, visibleTo } from "../parts/status.js";
 import { Name, Text, visible } from "../parts/text.js";
 import { Time } from "../parts/time.js";
+import { ending, renewals } from "../parts/tokens.js";
+import { roundsText } from "../parts/words.js";
 
 const REFRESH_MS = 5000;
 
@@ -63,25 +65,15 @@ export function Games({ query, mayChange, isJudge }) {
 export function Runs({ query, isJudge }) {
   const shown = query.get("status") ?? "running";
   const list = usePages(withQuery("/api/v1/runs", { status: shown }), REFRESH_MS);
-  const [token, setToken] = useState("");
-  const acts = (/** @type {any} */ one) => {
-    if (isJudge || one.status !== "running") return [];
-    const path = route`/api/v1/runs/${one.id}`;
-    const renew = !one.player && {
-      ...{ label: "New token", title: html`Replace the token of the run of <${Text} value=${one.model} />?` },
-      act: async () => setToken((await request(`${path}/token`, { method: "POST" })).swarm_token),
-      text: "The earlier token is revoked at once: a player that uses it stops until it has the new one.",
-    };
-    const text = "This ends it and its open games now. What was played stays, and counts. This cannot be taken back.";
-    return [renew, { label: "Abort", act: () => request(path, { method: "DELETE" }), text }];
-  };
+  const [made, setMade] = useState({ swarm_token: "", holder: "" });
+  const acts = (/** @type {any} */ one) => (isJudge || one.status !== "running" ? [] : [...renewals(one, setMade), ending(one)]);
   const suite = (/** @type {any} */ { attempt, suite: { name } }) =>
     attempt ? html`attempt ${attempt} in <a href=${route`/desk?view=competition&id=${name}`}>a competition</a>` : html`<${Text} value=${name} />`;
   return html`
     <h2>Runs</h2>
     <p><${Choice} label="Status" value=${shown} options=${["running", "finished", "aborted", "abandoned", "closed"]}
       onChange=${(/** @type {string} */ status) => visit(`/desk?view=runs&status=${status}`)} /></p>
-    ${token && html`<div role="status"><${Secret} value=${token} label="The new token of the run" /></div>`}
+    ${made.swarm_token && html`<div role="status"><${Secret} value=${made.swarm_token} label=${`The new token of ${visible(made.holder || "the run")}`} /></div>`}
     <${ListTable} list=${list} label="Table of runs" empty=${emptyText(shown)} columns=${[
       ["Model", (one) => html`<a href=${route`/runs/${one.id}`}><${Text} value=${one.model} /></a>`],
       ["Suite", suite],
@@ -111,13 +103,12 @@ export function Attempts({ competition, names, mayChange }) {
   const nameOf = (/** @type {any} */ { entrant }) => names.get(entrant) ?? entrant;
   const acts = (/** @type {any} */ one) => {
     if (!mayChange) return [];
-    const run = route`/api/v1/runs/${one.run}`;
+    const run = { id: one.run };
+    const isRunning = one.status === "running";
     return [
-      one.status === "running" && {
-        ...{ label: "New token", title: html`Replace the token of attempt ${one.attempt} of <${Text} value=${nameOf(one)} />?` },
-        act: async () => setToken((await request(`${run}/token`, { method: "POST" })).swarm_token),
-        text: "The earlier one is revoked at once. The entrant can do the same with its key.",
-      },
+      ...(isRunning ? renewals(run, ({ swarm_token }) => setToken(swarm_token)) : []).map((act) => ({
+        ...act, title: html`Replace the token of attempt ${one.attempt} of <${Text} value=${nameOf(one)} />?`,
+      })),
       !one.voided && {
         ...{ label: "Void", reason: /** @type {const} */ ("required") },
         act: async (/** @type {string} */ reason) => {
@@ -126,10 +117,7 @@ export function Attempts({ competition, names, mayChange }) {
         },
         text: `For faults of the server. It ends, and does not count. ${voidedText(competition.spares)} This cannot be taken back.`,
       },
-      one.status === "running" && {
-        ...{ label: "Abort", act: () => request(run, { method: "DELETE" }) },
-        text: "It ends now, and counts with what it has: games that were not played count as 0. To let it be played again, void it instead.",
-      },
+      isRunning && { ...ending(run), title: undefined, text: "It ends now, and counts with what it has: games that were not played count as 0. To let it be played again, void it instead." },
     ];
   };
   return html`

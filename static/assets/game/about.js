@@ -1,11 +1,13 @@
 // What a game is: its name and status, and notices.
 import { html, useEffect } from "../ui.js";
-import { route } from "../api.js";
+import { request, route } from "../api.js";
 import { short } from "../parts/chart.js";
 import { isLive } from "../parts/game.js";
 import { GOALS } from "../parts/goals.js";
+import { useLoaded } from "../parts/load.js";
 import { Text, visible } from "../parts/text.js";
 import { standing } from "./marks.js";
+import { nextOf } from "../parts/words.js";
 
 /** @import { Game } from "../parts/game.js" */
 
@@ -34,7 +36,7 @@ export function Notices({ game: { head, summary, isLost, kind, first, last } }) 
     ${isPart && html`<div class="notice"><p>This file has the rounds ${first} to ${last} of the game.</p></div>`}
     ${kind !== "file" && summary.fork && html`<div class="notice"><p>This game plays on from <${Parent} fork=${summary.fork} />. It counts on no board.</p></div>`}
     ${summary.void_reason &&
-    html`<div class="problem"><h2>This game was voided</h2><p>It counts nowhere. The reason: <${Text} value=${summary.void_reason} /></p></div>`}
+    html`<div class="problem"><h2>This game was voided</h2><p>It counts nowhere. The reason: <${Text} value=${summary.void_reason} />${kind === "episodes" && summary.run && html`<${Successor} ...${summary} />`}</p></div>`}
     ${head.status === "waiting" &&
     html`<div class="notice">
       <p>
@@ -47,6 +49,13 @@ export function Notices({ game: { head, summary, isLost, kind, first, last } }) 
     ${head.rounds === 0 && head.status === "running" && html`<div class="notice"><p><strong>The first round is being decided.</strong> It is shown here when all agents have answered.</p></div>`}
     <p class="lost bad" role="status">${isLost && kind !== "file" && isLive(head) ? "The connection is lost. Trying again …" : ""}</p>
   `;
+}
+
+/** The game that its run has in the place of a voided one. @param {{id: string, run: string}} props */
+function Successor({ id, run }) {
+  const { value } = useLoaded((signal) => request(route`/api/v1/runs/${run}`, { signal }), [run]);
+  const next = value && nextOf({ episode: id, ...value.games.find(({ episode }) => episode === id) }, value.games);
+  return next?.episode && html`<br />In its place: <a href=${route`/episodes/${next.episode}`}>the game that was played again</a>, ${next.status}.`;
 }
 
 /** The round of another game from which this one plays on. @param {{fork: {episode: string, round: number}}} props */

@@ -3,11 +3,12 @@ import { html } from "../ui.js";
 import { sleep } from "../api.js";
 import { actionOf, resultOf, saidBy } from "../parts/actions.js";
 import { IN_WORDS, ownSign, signsIn } from "../parts/cell.js";
+import { dollars } from "../parts/chart.js";
 import { color } from "../parts/colors.js";
+import { duration } from "../parts/duration.js";
 import { isLive } from "../parts/game.js";
 import { useLoaded, usePart } from "../parts/load.js";
 import { Text } from "../parts/text.js";
-import { duration } from "../parts/time.js";
 import { AgentWindow, surroundings } from "../parts/window.js";
 import { PANELS } from "./place.js";
 
@@ -112,7 +113,7 @@ function Decision({ head, state, next, agent, read }) {
     <dd class="number">row ${state.at[2 * agent]}, column ${state.at[2 * agent + 1]}${sign && `, ${IN_WORDS[sign]}`}</dd>
     <dt>Read</dt>
     <dd>${heard.length ? html`<ul class="plain">${heard.map(({ from, text }) => html`<li><span class="muted">${from}:</span> “<${Text} value=${text} />”</li>`)}</ul>` : html`<span class="muted">no message</span>`}</dd>
-    ${usage && html`<dt>Cost</dt><dd class="number">${costOf(usage)}</dd>`}
+    ${usage && html`<dt>Cost</dt><dd class="small">${costOf(usage)}</dd>`}
     ${bank > 0 && html`<dt>Bank</dt><dd class="number">${duration(bank)} spent</dd>`}
   </dl>`;
 }
@@ -121,7 +122,9 @@ function Decision({ head, state, next, agent, read }) {
 const heardBy = (state, agent) =>
   (state.heard ?? []).filter(({ by }) => by.includes(agent)).map(({ from, text }) => ({ from, text: text ?? saidBy(state, from) }));
 
-/** @param {{prompt_tokens?: number, completion_tokens?: number, latency_ms?: number}} usage */
-const costOf = ({ prompt_tokens: read, completion_tokens: written, latency_ms: time }) =>
-  [read !== undefined && `${read.toLocaleString("en")} tokens read`, written !== undefined && `${written.toLocaleString("en")} written`,
-    time !== undefined && `${(time / 1000).toFixed(1)} s`].filter(Boolean).join(", ");
+/** @param {{prompt_tokens?: number, completion_tokens?: number, latency_ms?: number, first_token_ms?: number, cached_tokens?: number, reasoning_tokens?: number, cost_nano_usd?: number}} usage */
+const costOf = ({ prompt_tokens: read, completion_tokens: written, latency_ms: time, first_token_ms: first, cached_tokens: cached, reasoning_tokens: thought, cost_nano_usd: cost }) =>
+  [read !== undefined && `${read.toLocaleString("en")} tokens read${cached ? ` (${cached.toLocaleString("en")} cached)` : ""}`,
+    written !== undefined && `${written.toLocaleString("en")} written${thought ? ` (${thought.toLocaleString("en")} reasoning)` : ""}`,
+    cost !== undefined && `$${dollars(cost / 1e9)}`,
+    time !== undefined && `${(time / 1000).toFixed(1)} s`, first !== undefined && `first token ${(first / 1000).toFixed(1)} s`].filter(Boolean).join(", ");

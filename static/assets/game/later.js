@@ -4,22 +4,26 @@ import { html, useEffect, useRef, useState } from "../ui.js";
 import { request, route } from "../api.js";
 import { actionOf, resultOf, saidBy } from "../parts/actions.js";
 import { IN_WORDS, signsIn } from "../parts/cell.js";
+import { short } from "../parts/chart.js";
 import { Commands } from "../parts/copy.js";
 import { save } from "../parts/download.js";
+import { duration } from "../parts/duration.js";
 import { isLive } from "../parts/game.js";
 import { useTask } from "../parts/load.js";
 import { ProblemNote } from "../parts/problem.js";
 import { failureText } from "../parts/status.js";
-import { SortHead, Table } from "../parts/table.js";
+import { Facts as FactList, Shown, SortHead, Table } from "../parts/table.js";
 import { LongText, Text } from "../parts/text.js";
-import { Time, duration } from "../parts/time.js";
+import { Time } from "../parts/time.js";
 import { AgentWindow, surroundings } from "../parts/window.js";
+import { Missing } from "../parts/worth.js";
 import { Parent } from "./about.js";
 import { isSecret } from "./agent.js";
 import { PANELS } from "./place.js";
-import { AgentLink, Shown } from "./round.js";
+import { AgentLink } from "./round.js";
 
 /** @import { Game, State } from "../parts/game.js" */
+/** @import { Decision, Losses, Worth } from "../parts/worth.js" */
 /** @import { Props } from "./round.js" */
 
 /** @type {[string, string][]} */
@@ -115,8 +119,24 @@ const Inbox = ({ inbox }) =>
 /** @param {{read: any}} props */
 const Prompt = ({ read }) =>
   read.prompt
-    ? html`<${LongText} value=${read.prompt} label="Prompt" />`
+    ? html`<${Around} harness=${read.act?.harness}><${LongText} value=${read.prompt} label="Prompt" /><//>`
     : html`<p class="muted">${read.prompt_problem ? html`No prompt: <${Text} value=${read.prompt_problem} />` : "There is no prompt."}</p>`;
+
+/** What the player's program put around the prompt, as far as it is stored, in the order in which the model got it. @param {{harness: any, children: any}} props */
+function Around({ harness, children }) {
+  if (!harness) return children;
+  const { history = [], carried = [], added, tries = [], scratchpad } = harness;
+  return html`<div class="pieces">
+    ${history.length > 0 && html`<p class="muted small">Before it came the prompts and answers of this agent in ${roundsOf(history)}${carried.length > 0 && `, with the encrypted reasoning of ${roundsOf(carried)}, which is not stored`}.</p>`}
+    ${children}
+    ${added && html`<h3>Added to the prompt</h3><${LongText} value=${added} label="Added to the prompt" />`}
+    ${tries.map(({ response, told }, n) => html`<h3>Invalid answer ${n + 1}</h3><${LongText} value=${`${response}\n\n→ ${told}`} label=${`Invalid answer ${n + 1}`} />`)}
+    ${scratchpad && html`<h3>Notes after the answer</h3><${LongText} value=${scratchpad} label="Notes" />`}
+  </div>`;
+}
+
+/** @param {number[]} rounds */
+const roundsOf = (rounds) => `${rounds.length === 1 ? "round" : "rounds"} ${rounds.join(", ")}`;
 
 /** Keys that are told of: how they are shown, what they do, and one of them. @type {[string, string, string][]} */
 const HELP = [
@@ -154,6 +174,28 @@ export function KeyHelp({ keys, mark, onClose }) {
     </table>
     <p><button type="button" onClick=${() => dialog.current?.close()}>Close</button></p>
   </dialog>`;
+}
+
+/** The decisions that lost most, each a button to its round. @param {{worth: Worth, losses: Losses, round: number, onShow: (decision: Decision) => void}} props */
+export function LossList({ worth, losses: { known, decisions, problem, reload, ask }, round, onShow }) {
+  useEffect(ask, []);
+  const isEmpty = known?.dearest && decisions.length === 0;
+  return html`<div class="losses">
+    <p class="muted small">
+      The worth of a state is the score that the reference, <${Text} value=${worth.reference} />, reaches from it on all seats. A decision lost as much as the worth would be higher if this agent alone had done what the reference does.
+      ${worth.reference_is_weak && " It is weak here: from the start it would have scored less than this game did."}
+    </p>
+    <p role="status">${problem || known ? (isEmpty ? "No decision lost anything." : "") : "Each decision is replaced by the reference’s. That takes up to a minute …"}</p>
+    ${problem && html`<${ProblemNote} problem=${problem} retry=${reload} what="What decisions lost" />`}
+    <${Missing} worth=${known} part="seats" />
+    <ol class="plain">
+      ${decisions.map(
+        (decision) => html`<li><button type="button" class="quiet" aria-current=${decision.round === round} onClick=${() => onShow(decision)}>
+          <span class="number">Round ${decision.round}</span> <${Text} value=${decision.words} /> <b class="number">−${short(decision.loss)}</b>
+        </button></li>`,
+      )}
+    </ol>
+  </div>`;
 }
 
 /** Properties of shapes that come from style sheets, which a saved file lacks. */
@@ -224,9 +266,7 @@ export function Facts({ game }) {
   ];
   return html`${kind !== "file" && html`<${Verify} game=${game} />`}
     <h2>About this game</h2>
-    <dl class="facts">
-      ${facts.filter(([, value]) => value !== null && value !== undefined && value !== false && value !== "").map(([name, value]) => html`<dt>${name}</dt><dd>${value}</dd>`)}
-    </dl>`;
+    <${FactList} facts=${facts} />`;
 }
 
 /** @param {{game: Game}} props */
@@ -242,13 +282,13 @@ function Verify({ game }) {
       ${problem && html`<${ProblemNote} problem=${problem} retry=${verify} />`}
       ${answer &&
       html`<p><strong class=${answer.ok ? "good" : "bad"}>${answer.ok ? "Verified" : "Not verified"}</strong>${answer.problem && html`: <${Text} value=${answer.problem} />`}</p>
-        <dl class="facts">
-          <dt>Rounds</dt><dd>${answer.rounds}</dd>
-          <dt>Score</dt><dd>${answer.score}</dd>
-          <dt>Head of the journal</dt><dd class="mono"><${Text} value=${answer.journal_head ?? "–"} /></dd>
-          <dt>Digest of the first state</dt><dd class="mono"><${Text} value=${answer.layout_digest ?? "–"} /></dd>
-          <dt>Digest of the last state</dt><dd class="mono"><${Text} value=${answer.final_digest ?? "–"} /></dd>
-          <dt>Rules revision</dt><dd>${answer.rules_revision}</dd>
-        </dl>`}
+        <${FactList} look="mono" facts=${[
+          ["Rounds", answer.rounds],
+          ["Score", answer.score],
+          ["Head of the journal", answer.journal_head],
+          ["Digest of the first state", answer.layout_digest],
+          ["Digest of the last state", answer.final_digest],
+          ["Rules revision", answer.rules_revision],
+        ]} />`}
     </div>`;
 }

@@ -1,6 +1,7 @@
 // Events of rounds, as marks on the curve and as destinations.
 import { isLive } from "../parts/game.js";
 import { useLoaded } from "../parts/load.js";
+import { reasonText, roundsText } from "../parts/words.js";
 
 /** @import { Game } from "../parts/game.js" */
 
@@ -55,22 +56,12 @@ export async function findMark(game, round, direction) {
   return null;
 }
 
-/** @type {Record<string, string>} */
-const REASONS = {
-  task_done: "The task was done",
-  rounds_played: "All rounds were played",
-  aborted: "It was ended by its creator or an organizer",
-  idle: "Nobody acted for too long",
-  closed: "Its competition closed",
-};
-
 /** The status of a game, in a sentence. @param {{head: {status: string, rounds: number}, summary: any}} game */
 export function standing({ head, summary }) {
   // A file may have only a part of the rounds.
   const count = summary?.result?.rounds ?? head.rounds;
-  const rounds = `${count} ${count === 1 ? "round" : "rounds"}`;
+  const rounds = roundsText(count);
   if (head.status === "waiting") return "It has not started.";
   if (isLive(head)) return `It is running: ${rounds} so far.`;
-  const reason = REASONS[summary?.result?.reason];
-  return reason ? `${reason}, after ${rounds}.` : `It ended after ${rounds}.`;
+  return `It ended after ${rounds}${summary?.result?.reason ? `: ${reasonText(summary.result.reason)}` : ""}.`;
 }

@@ -1,14 +1,12 @@
 // Messages of a round.
-import { html, useState } from "../ui.js";
+import { html } from "../ui.js";
 import { color } from "../parts/colors.js";
+import { SHOWN, Shown } from "../parts/table.js";
 import { Text } from "../parts/text.js";
 
 /** @import { Head, State } from "../parts/game.js" */
 
 /** @typedef {{head: Head, state: State, next: State | null, agent: number | null, onChoose: (agent: number) => void}} Props */
-
-/** The number of rows, messages or windows shown at first; more on request. */
-const SHOWN = 48;
 
 /** The maximum number of agents that a list names. */
 const NAMED = 24;
@@ -19,13 +17,6 @@ export const list = (agents) => agents.slice(0, NAMED).join(", ") + (agents.leng
 /** An agent as a button with its colour. @param {{agent: number, onChoose: (agent: number) => void}} props */
 export const AgentLink = ({ agent, onChoose }) =>
   html`<button type="button" class="agent-link" aria-label=${`Agent ${agent}`} style=${{ "--agent": color(agent) }} onClick=${() => onChoose(agent)}>${agent}</button>`;
-
-/** The first of many things, and a button for more. @param {{items: any[], wrap: (shown: any[]) => unknown}} props */
-export function Shown({ items, wrap }) {
-  const [count, setCount] = useState(SHOWN);
-  return html`${wrap(items.slice(0, count))}
-  ${items.length > count && html`<p><button type="button" onClick=${() => setCount(count + SHOWN)}>Show more (${items.length - count})</button></p>`}`;
-}
 
 /** The messages of the round, and their readers. @param {Props & {codes: typeof import("../parts/codes.js") | null}} props `codes`: where built-in players speak */
 export function Messages({ head, state, next, codes, onChoose }) {

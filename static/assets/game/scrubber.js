@@ -1,10 +1,11 @@
 // Curves of one game or of two, on which a click goes to a round.
 import { html, useMemo, useState } from "../ui.js";
+import { agentOf } from "../parts/actions.js";
 import { extent, short, stepPath } from "../parts/chart.js";
 import { color, dashes } from "../parts/colors.js";
 import { useLoaded } from "../parts/load.js";
 import { isLive } from "../parts/game.js";
-import { agentOf, useWorth } from "../parts/worth.js";
+import { useWorth } from "../parts/worth.js";
 import { MARKS, inWords } from "./marks.js";
 
 /** @import { Game } from "../parts/game.js" */

@@ -1,13 +1,14 @@
 // The view of a game: map, curve, one agent, messages, metrics. The source of the game does not matter.
 import { html, useCallback, useEffect, useRef, useState } from "../ui.js";
+import { agentOf } from "../parts/actions.js";
 import { short } from "../parts/chart.js";
-import { useCopied } from "../parts/copy.js";
+import { useCopied } from "../parts/copied.js";
 import { isLive, useChanges, useMoment } from "../parts/game.js";
-import { usePart } from "../parts/load.js";
+import { Folded, usePart } from "../parts/load.js";
 import { GameMap } from "../parts/map.js";
 import { ProblemNote, Waiting } from "../parts/problem.js";
 import { Legend } from "../parts/shapes.js";
-import { BarLegend, LossList, Missing, PlayOn, WithBar, agentOf, sharesInWords, sharesOf, useLine, useLosses } from "../parts/worth.js";
+import { BarLegend, Missing, PlayOn, WithBar, sharesInWords, sharesOf, useLine, useLosses } from "../parts/worth.js";
 import { AgentChooser, AgentPanel } from "./agent.js";
 import { findMark, hasMark, inWords, isShort, useAllMarks } from "./marks.js";
 import { Metrics } from "./metrics.js";
@@ -77,6 +78,7 @@ export function Viewer({ game, parts, agent: chosen = 0, tools = {}, children })
     player.stop();
     move(place);
   };
+  const showLoss = (/** @type {Decision} */ decision) => rest({ round: decision.round, agent: agentOf(decision) });
   const follow = live && (() => rest({ round: isFollowing ? round : null }));
   const toggle = (/** @type {string} */ name) => setShows((shows) => ({ ...shows, [name]: !shows[name] }));
   const keys = { ...Object.fromEntries(TOGGLES.map(([name, , key]) => [key, () => toggle(name)])), f: follow || null, l: link, c: compare };
@@ -128,7 +130,7 @@ export function Viewer({ game, parts, agent: chosen = 0, tools = {}, children })
         <${Missing} worth=${worth} part="values" />
         <${BarLegend} shares=${shares} />
         ${worth?.values && game.line && !isOver && html`<${PlayOn} line=${line} agent=${agent} onToggle=${playOn} />`}
-        ${worth?.values && html`<${LossList} worth=${worth} losses=${losses} round=${round} onShow=${(/** @type {Decision} */ decision) => rest({ round: decision.round, agent: agentOf(decision) })} />`}
+        ${worth?.values && html`<${Folded} summary="What decisions lost" read=${parts.later} name="LossList" props=${{ worth, losses, round, onShow: showLoss }} />`}
       </div>
       <${Metrics} game=${game} round=${state.round} />
     </div>

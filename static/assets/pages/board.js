@@ -1,11 +1,12 @@
 // The board of a suite: scores, and the certainty of the order.
 import { html, useMemo } from "../ui.js";
 import { withQuery } from "../api.js";
-import { Rows } from "../board/rows.js";
+import { Rows, hasCost } from "../board/rows.js";
 import { KINDS, Legend, isShown, kindsOf, withKind } from "../parts/boards.js";
 import { Commands } from "../parts/copy.js";
 import { Download } from "../parts/download.js";
 import { Check, Choice } from "../parts/filters.js";
+import { Folded } from "../parts/load.js";
 import { METRICS, metricName } from "../parts/metrics.js";
 import { More, PAGE_ITEMS, usePages, useReadOn } from "../parts/pages.js";
 import { ProblemNote, Waiting } from "../parts/problem.js";
@@ -51,6 +52,7 @@ export function Page({ suite }) {
         ? html`<${Rows} rows=${rows} board=${board} sort=${wanted.sort} sortBy=${(sort) => change({ sort })} />`
         : html`<${Empty} isAll=${items.length === 0} suite=${board.suite} />`}
       <${More} list=${list} />
+      ${rows.filter(hasCost).length > 1 && html`<${Folded} summary="Score against cost" read=${() => import("../board/costs.js")} name="Costs" props=${{ rows, board }} />`}
       ${rows.length > 0 && html`<${Explained} rows=${rows} pick=${board.pick} method=${board.metrics_method} />`}
     `}
   `;

@@ -9,7 +9,7 @@ import { linkTo, usePlace } from "../game/place.js";
 import { Announcer, Controls, Toggles, usePlayer } from "../game/player.js";
 import { list } from "../game/round.js";
 import { Scrubber, useTrack } from "../game/scrubber.js";
-import { useCopied } from "../parts/copy.js";
+import { useCopied } from "../parts/copied.js";
 import { isLive, useChanges, useMoment } from "../parts/game.js";
 import { Loaded, useLoaded } from "../parts/load.js";
 import { ProblemNote, Waiting } from "../parts/problem.js";

@@ -39,7 +39,7 @@ function Hidden({ summary, reload }) {
 
 /** The holders of seats, if there can be several. @param {{game: Shown}} props */
 function Seats({ game }) {
-  const part = usePart(() => import("../parts/seats.js"), game.kind === "episodes" && game.summary.config?.open_seats > 0);
+  const part = usePart(() => import("../parts/seats.js"), game.kind === "episodes" && game.summary.mixed);
   return part && html`<${part.Seats} game=${game} />`;
 }
 

@@ -8,10 +8,11 @@ import { useLoaded } from "../parts/load.js";
 import { eachPage } from "../parts/pages.js";
 import { Waiting } from "../parts/problem.js";
 import { useTitle } from "../parts/query.js";
-import { About, Curves, GameGrid, Metrics, useRun, useScores } from "../parts/run.js";
+import { About, GameGrid, Metrics, useRun, useScores } from "../parts/run.js";
 import { Status, failuresText, percent } from "../parts/status.js";
 import { Text, visible } from "../parts/text.js";
 import { Time } from "../parts/time.js";
+import { samplingText } from "../parts/words.js";
 
 /** The number of runs listed. */
 const RUNS_MAX = 100;
@@ -113,8 +114,6 @@ function Played({ board, row }) {
     html`
       <h2>Games of <a href=${route`/runs/${id}`}>this run</a></h2>
       <${GameGrid} run=${run.value} scores=${scores} />
-      <h2>Score curves</h2>
-      <${Curves} games=${run.value.games} scores=${scores} />
       <h2>Metrics</h2>
       <${Metrics} key=${id} id=${id} />
       <${About} run=${run.value} />
@@ -142,7 +141,10 @@ function Runs({ board, row, shown, show }) {
 /** Whether a run has the settings of a row. */
 const isOf = (run, board, row) =>
   run.suite.digest === board.digest &&
-  run.temperature === row.temperature &&
-  run.top_p === row.top_p &&
-  (run.template_digest ?? "").startsWith(row.prompt_template ?? "") &&
-  Boolean(run.template_digest) === Boolean(row.prompt_template);
+  samplingText(run) === samplingText(row) &&
+  run.prompt === (row.prompt ?? "none") &&
+  playersOf(run) === playersOf(row);
+
+/** What distinguishes teams of one name. @param {{holders?: any[]}} team */
+const playersOf = ({ holders = [] }) =>
+  JSON.stringify(holders.map(({ name, model, seats, prompt, ...holder }) => [name, model, seats, prompt, samplingText(holder)]));

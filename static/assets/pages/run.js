@@ -9,11 +9,11 @@ import { Items } from "../parts/listed.js";
 import { Waiting } from "../parts/problem.js";
 import { useTitle } from "../parts/query.js";
 import { About, GameGrid, Metrics, isFailed, useRun, useScores } from "../parts/run.js";
-import { Status, failuresText, percent, reasonText, roundsText, runStatusText } from "../parts/status.js";
+import { Status, failuresText, percent, runStatusText } from "../parts/status.js";
+import { Shown } from "../parts/table.js";
 import { Text, visible } from "../parts/text.js";
-
-/** The number of games listed at first. */
-const LISTED = 50;
+import { ending, renewals } from "../parts/tokens.js";
+import { nextOf, reasonText, roundsText } from "../parts/words.js";
 
 /** The intervals between reads of a running run, and of its curves. */
 const POLL_MS = 3000;
@@ -65,6 +65,12 @@ const GameLink = ({ game: { task, seed, slot, episode } }) => {
   return episode ? html`<a href=${route`/episodes/${episode}`}>${name}</a>` : name;
 };
 
+/** Why a game counts no more, and the one that is played in its place. @param {{game: any, games: any[]}} props */
+const Voided = ({ game, games }) => {
+  const next = nextOf(game, games);
+  return game.void_reason !== null && html`Voided: <${Text} value=${game.void_reason} />.${next?.episode && html` In its place: <${GameLink} game=${next} />, ${next.status}.`}`;
+};
+
 /** The reason why a game ended. */
 const whyOf = ({ reason, status }) => reasonText(reason) || status;
 
@@ -75,31 +81,28 @@ function Failures({ run: { games, status, acts } }) {
   if (failed.length === 0 && acts.invalid === 0 && acts.timeouts === 0) return null;
   const reason = (game) =>
     game.episode
-      ? html`${whyOf(game)}, after ${roundsText(game.round)} with score ${short(game.score)}
-          ${game.void_reason !== null && html`. Voided: <${Text} value=${game.void_reason} />`}`
+      ? html`${whyOf(game)}, after ${roundsText(game.round)} with score ${short(game.score)}${game.void_reason !== null && ". "}<${Voided} game=${game} games=${games} />`
       : "never played, counts as 0";
   return html`
     <h2>What failed</h2>
-    <ul>
+    <${Shown} items=${failed} wrap=${(some) => html`<ul>
       ${acts.invalid > 0 &&
       html`<li>
         ${short(acts.invalid)} of ${short(acts.sent)} answers could not be read (${percent(acts.invalid_share)}): their agents did nothing.${" "}
         ${why && `${why}. `}A game's page shows each.
       </li>`}
       ${acts.timeouts > 0 && html`<li>${short(acts.timeouts)} times a clock expired (${percent(acts.timeout_share)} of all moves).</li>`}
-      ${failed.slice(0, LISTED).map((game) => html`<li><${GameLink} game=${game} />: ${reason(game)}</li>`)}
-      ${failed.length > LISTED && html`<li>${failed.length - LISTED} more, in the list below</li>`}
-    </ul>
+      ${some.map((game) => html`<li><${GameLink} game=${game} />: ${reason(game)}</li>`)}
+    </ul>`} />
   `;
 }
 
 /** @param {{games: any[]}} props */
 function Games({ games }) {
   const [isOpen, setIsOpen] = useState(false);
-  const [shown, setShown] = useState(LISTED);
   const { results, text, toggle, isRunning } = useVerified(games);
   const score = alike(games.map((game) => game.score));
-  const why = (game) => html`${game.reason && whyOf(game)}${game.void_reason !== null && html` (voided: <${Text} value=${game.void_reason} />)`}`;
+  const why = (game) => html`${game.reason && whyOf(game)}${game.void_reason !== null && html`<div class="small"><${Voided} game=${game} games=${games} /></div>`}`;
   const journal = ({ episode: id }) => id && html`<${Download} href=${route`/api/v1/episodes/${id}/journal`} name=${`${id}.jsonl`}>journal<//>`;
   const columns = [
     ["Game", (game) => html`<${GameLink} game=${game} />`],
@@ -118,8 +121,7 @@ function Games({ games }) {
         <button type="button" onClick=${toggle}>${isRunning ? "Stop" : "Verify all games"}</button>
         <span role="status">${text}</span>
       </p>
-      <${Items} label="Games of the run" items=${games.slice(0, shown)} keyOf=${({ episode, slot }) => episode ?? slot} columns=${columns} />
-      ${shown < games.length && html`<p><button type="button" onClick=${() => setShown(shown + LISTED)}>More</button></p>`}
+      <${Shown} items=${games} wrap=${(some) => html`<${Items} label="Games of the run" items=${some} keyOf=${({ episode, slot }) => episode ?? slot} columns=${columns} />`} />
     `}
   </details>`;
 }
@@ -162,11 +164,10 @@ async function verify(episode, signal) {
 
 /** Actions of a run's creator. @param {{run: any, changed: () => void}} props */
 function Actions({ run, changed }) {
-  const [token, setToken] = useState("");
+  const [made, setMade] = useState({ swarm_token: "", holder: "" });
   const isRunning = run.status === "running";
-  if (!isRunning && run.player) return null;
-  const replace = async () => setToken((await request(route`/api/v1/runs/${run.id}/token`, { method: "POST" })).swarm_token);
-  const abort = () => request(route`/api/v1/runs/${run.id}`, { method: "DELETE" });
+  const tokens = renewals(run, setMade);
+  if (!isRunning && tokens.length === 0) return null;
   return html`
     <h2>For its creator</h2>
     <p class="muted">
@@ -174,19 +175,13 @@ function Actions({ run, changed }) {
       ${run.attempt !== null && " Only organizers can abort an attempt of a competition."}
     </p>
     <div class="buttons">
-      ${!run.player &&
-      html`<${ActButton} label="Replace the token" title="Replace the token of this run?" isDangerous=${false} act=${replace}>
-        <p>The earlier token stops working at once. A client that plays with it is refused until it has the new one.</p>
-      <//>`}
-      ${isRunning &&
-      html`<${ActButton} label="Abort the run" title="Abort this run?" act=${abort} done=${changed}>
-        <p>The run and its open games end. Games that were never played count as 0. This cannot be undone.</p>
-      <//>`}
+      ${tokens.map((act) => html`<${ActButton} key=${act.label} ...${act} />`)}
+      ${isRunning && html`<${ActButton} ...${ending(run)} label="Abort the run" done=${changed} />`}
     </div>
-    ${token &&
-    html`<${Secret} value=${token} label="New token of the run">
-      <p>The earlier one is revoked. Built-in players resume the run with it, in the environment variable <code>SWARMBENCH_RUN_TOKEN</code>:</p>
-      <${Commands} label="Resume the run" what="the command" lines=${[`swarmbench play --run ${run.id} --server ${location.origin}`]} />
+    ${made.swarm_token &&
+    html`<${Secret} value=${made.swarm_token} label=${`New token of ${visible(made.holder || "the run")}`}>
+      ${!made.holder && html`<p>The earlier one is revoked. Built-in players resume the run with it, in the environment variable <code>SWARMBENCH_RUN_TOKEN</code>:</p>
+        <${Commands} label="Resume the run" what="the command" lines=${[`swarmbench play --run ${run.id} --server ${location.origin}`]} />`}
     <//>`}
   `;
 }

@@ -38,7 +38,7 @@ export function Page() {
         <${Copyable} label="the command" value=${`swarmbench play --suite quick --server ${location.origin}`} />`;
   return html`
     <h1>Runs</h1>
-    <p class="muted">A run is one model that plays all games of a suite.</p>
+    <p class="muted">A run is one model, or a team, that plays all games of a suite.</p>
     <${Filters} filters=${filters}>
       <${Choice} label="Status" options=${STATUSES} ...${filters.of("status")} />
       <${Model} ...${filters.of("model")} />

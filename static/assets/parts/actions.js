@@ -16,6 +16,9 @@ export const ACTIONS = {
   "-": { name: "none" },
 };
 
+/** The number of an agent. @param {{agent: string}} one what names it: an observation, a decision */
+export const agentOf = ({ agent }) => Number(agent.replace("Agent_", ""));
+
 /** The letter of an action by its name, empty for another. @param {string | null} [name] */
 export const letterOf = (name) => Object.keys(ACTIONS).find((letter) => ACTIONS[letter].name === name) ?? "";
 

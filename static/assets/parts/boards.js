@@ -3,7 +3,8 @@ import { html, useState } from "../ui.js";
 import { Problem, request, route, withQuery } from "../api.js";
 import { Interval, short } from "./chart.js";
 import { useLoaded } from "./load.js";
-import { Text } from "./text.js";
+import { PromptName, Text } from "./text.js";
+import { samplingText } from "./words.js";
 
 /** The rows that are read beyond the leaders of a board, as people and rule-based players may be before models. */
 const OTHERS = 8;
@@ -77,22 +78,37 @@ export function Sign({ about, children }) {
 const isPerson = (row) => row.kind === "human" || row.table === "humans";
 
 /** @param {Row} row */
-const isProgram = (row) => row.model.startsWith("built-in/") || row.table === "rules";
+const isTeam = (row) => row.kind === "team";
+
+/** Whether different holders had the seats. @param {Row} row */
+const isShared = (row) => isTeam(row) && row.holders.length > 1;
+
+/** @param {Row} row */
+const isProgram = (row) => !isTeam(row) && (row.model.startsWith("built-in/") || row.table === "rules");
+
+/** Numbers in ranges: 0–3, 7. @param {number[]} seats */
+export const inRanges = (seats) => {
+  const isNext = (/** @type {number} */ at) => at > 0 && seats[at] === seats[at - 1] + 1;
+  const starts = seats.map((_, at) => at).filter((at) => !isNext(at));
+  const ends = [...starts.slice(1), seats.length];
+  return starts.map((start, at) => [...new Set([seats[start], seats[ends[at] - 1]])].join("–")).join(", ");
+};
 
 /**
  * Kinds of rows, each of which can be hidden: by player, and by source of the numbers.
  * @type {{name: string, label: string, has: (row: any) => boolean, isOffAtFirst?: boolean}[]}
  */
 export const KINDS = [
-  { name: "models", label: "Models", has: (row) => !isPerson(row) && !isProgram(row) },
+  { name: "models", label: "Models", has: (row) => !isPerson(row) && !isProgram(row) && !isTeam(row) },
   { name: "people", label: "People", has: isPerson, isOffAtFirst: true },
   { name: "built-in", label: "Rule-based players", has: isProgram },
+  { name: "teams", label: "Teams", has: isTeam },
   { name: "paper", label: "The paper", has: (row) => row.reference },
   { name: "imported", label: "Imported games", has: (row) => row.imported, isOffAtFirst: true },
 ];
 
 /** The kinds that each have a part of the table, and scales of their own: one player with 250 would flatten all models to a dot. */
-export const PARTS = KINDS.slice(0, 3);
+export const PARTS = KINDS.slice(0, 4);
 
 const AT_FIRST = KINDS.filter((kind) => !kind.isOffAtFirst).map((kind) => kind.name).join();
 
@@ -121,19 +137,22 @@ const played = ({ tasks }) => {
  */
 const MARKS = [
   [isPerson, "person", "A person played, not a model."],
+  [isTeam, "team", "Several players had the seats of one swarm, which share its score."],
   [(row) => row.reference, "paper", "A number of the SwarmBench paper. It was not measured on this server."],
   [(row) => row.imported, "from files", "Games that were read from files. This server neither played nor checked them."],
   [(row) => row.vouched === false, "unconfirmed", "Only its owner says that this was the model. A server sees answers, not who wrote them."],
-  [(row) => row.decentralization === "declared", "one holder",
+  [(row) => row.decentralization === "declared" && isShared(row), "played again",
+    "A game was played again (“declared”): the holders of the seats could read the earlier one, which had the same layout."],
+  [(row) => row.decentralization === "declared" && !isShared(row), "one holder",
     "One holder had all seats (“declared”): each agent may have decided alone, but the holder could combine what they saw."],
   [(row) => row.decentralization === "enforced", "separate seats",
-    "Different holders had the seats, or the server played them (“enforced”): no agent could know what another one saw."],
+    "Different holders had the seats, each with a token that reads only its own, or the server played them (“enforced”)."],
   [(row) => Boolean(row.prompt_template), "own prompt", "Played with a prompt template of its own, not with the built-in one.",
     (row) => `Template ${row.prompt_template}.`],
   [(row) => Boolean(row.status) && row.status !== "finished", (row) => row.status,
     "The run was broken off: “aborted” by its creator or an organizer, “abandoned” where nobody acted any more, “closed” with its competition."],
   [(row) => played(row)[0] < played(row)[1], (row) => played(row).join(" of "), "How many of the planned games were played. The others count as 0."],
-  [(row) => row.voided > 0, (row) => `${row.voided} voided`, "Games that an organizer voided. They do not count."],
+  [(row) => row.voided > 0, (row) => `${row.voided} voided`, "Games that an organizer voided, or that were played again. They do not count."],
   [(row) => row.converted?.length > 0, "rescaled", "Played by the other rule set: its scores of Flocking are shown at the scale of this board."],
   [(row) => row.other_rules?.length > 0, "≠ rules",
     "Played by the other rule set, which defines some tasks in another way. Compare these scores with care.",
@@ -157,11 +176,24 @@ export const Legend = ({ rows }) =>
     return row && html`<dt>${signOf(mark, row)}</dt><dd>${mark[2]}</dd>`;
   });
 
-/** The details that distinguish players of one model. @param {{row: Row}} props */
-export const Settings = ({ row: { owner, temperature = null, top_p = null, runs } }) => {
-  const sampling = [temperature !== null && `temperature ${temperature}`, top_p !== null && `top p ${top_p}`];
-  const details = [...sampling, runs > 1 && `${runs} runs`].filter(Boolean);
-  return html`<span class="muted small">${owner && html`of <${Text} value=${owner} />${details.length > 0 && ", "}`}${details.join(", ")}</span>`;
+/** The number of holders of a team that a row names; its page has all. */
+const HOLDERS_SHOWN = 4;
+
+/** Names of prompts and readers of answers that need no word: the usual ones, and those of players without a prompt. */
+const USUAL = [undefined, null, "none", "default", "last-marker"];
+
+/** The details that distinguish players of one name, and who has the seats of a team. @param {{row: Row}} props */
+export const Settings = ({ row: { owner, prompt, answer_reader: reader, runs, holders = [], ...player } }) => {
+  const parts = [
+    owner && html`of <${Text} value=${owner} />`,
+    samplingText(player) && html`<${Text} value=${samplingText(player)} />`,
+    !USUAL.includes(prompt) && html`prompt <${PromptName} value=${prompt} />`,
+    !USUAL.includes(reader) && `answers read by ${reader}`,
+    runs > 1 && `${runs} runs`,
+  ].filter(Boolean);
+  const members = holders.slice(0, HOLDERS_SHOWN).map(({ name, seats }, at) => html`${at > 0 && "; "}<${Text} value=${name} /> ${inRanges(seats)}`);
+  return html`<span class="muted small">${parts.map((part, at) => [at > 0 && ", ", part])}
+    ${members.length > 0 && html`<span class="members">seats: ${members}${holders.length > HOLDERS_SHOWN && `; ${holders.length - HOLDERS_SHOWN} more holders`}</span>`}</span>`;
 };
 
 /** The quantile 0.9875 of the normal distribution. */

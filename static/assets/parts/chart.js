@@ -1,6 +1,5 @@
 // Small charts in SVG.
 import { html } from "../ui.js";
-import { color, dashes } from "./colors.js";
 
 /**
  * The path of a line through values; undefined ones are gaps.
@@ -39,7 +38,7 @@ export function extent(values) {
 }
 
 /** Moves values of one range evenly to another. @param {[number, number]} from @param {[number, number]} to */
-const scaled = ([low, high], [first, last]) => (/** @type {number} */ value) => first + ((value - low) / (high - low)) * (last - first);
+export const scaled = ([low, high], [first, last]) => (/** @type {number} */ value) => first + ((value - low) / (high - low)) * (last - first);
 
 /**
  * A line without axes, as large as a word.
@@ -72,40 +71,6 @@ export function Interval({ mean, low, high, range, label, width = 140, band = nu
   </svg>`;
 }
 
-/**
- * Lines over one axis, with their names in a legend.
- * @param {{series: {name: string, values: (number | null)[]}[], label: string, width?: number, height?: number, every?: number}} props
- */
-export function LineChart({ series, label, width = 560, height = 180, every = 1 }) {
-  const [low, high] = extent(series.flatMap((one) => one.values));
-  const last = Math.max(...series.map((one) => one.values.length), 2) - 1;
-  const [left, right, top, bottom] = [44, width - 8, 8, height - 20];
-  const x = scaled([0, last], [left, right]);
-  const y = scaled([low, high], [bottom, top]);
-  const ticks = [low, (low + high) / 2, high];
-  const text = alike(ticks);
-  const line = (/** @type {number} */ index, /** @type {string} */ path, /** @type {number} */ thickness) =>
-    html`<path d=${path} fill="none" stroke=${color(index)} stroke-dasharray=${dashes(index)} stroke-width=${thickness} />`;
-  return html`<figure class="chart">
-    <svg viewBox=${`0 0 ${width} ${height}`} role="img" aria-label=${label}>
-      ${ticks.map(
-        (tick) => html`<line x1=${left} x2=${right} y1=${y(tick)} y2=${y(tick)} class="grid" />
-          <text x=${left - 6} y=${y(tick) + 4} text-anchor="end">${text(tick)}</text>`,
-      )}
-      <text x=${left} y=${height - 4}>0</text>
-      <text x=${right} y=${height - 4} text-anchor="end">${last * every}</text>
-      ${series.map(({ values }, index) => line(index, linePath(values, x, y), 1.8))}
-    </svg>
-    ${series.length > 1 &&
-    html`<figcaption>
-      ${series.map(({ name }, index) => {
-        const sample = html`<svg width="24" height="8" aria-hidden="true">${line(index, "M0 4H24", 2)}</svg>`;
-        return html`<span class="legend">${sample} ${name}</span>`;
-      })}
-    </figcaption>`}
-  </figure>`;
-}
-
 const INTEGER = new Intl.NumberFormat("en");
 
 /** A number in few characters. @param {number | null | undefined} value */
@@ -113,6 +78,11 @@ export function short(value) {
   if (!isKnown(value)) return "–";
   return Number.isInteger(value) ? INTEGER.format(value) : value.toFixed(Math.abs(value) >= 100 ? 1 : 2);
 }
+
+const AMOUNT = new Intl.NumberFormat("en", { maximumSignificantDigits: 3, useGrouping: false });
+
+/** An amount of US dollars, which may be a small part of one. @param {number} value */
+export const dollars = (value) => (value >= 100 ? value.toFixed(2) : AMOUNT.format(value));
 
 /**
  * Numbers of a column: all with two decimals if one of them is no integer.

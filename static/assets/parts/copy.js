@@ -1,19 +1,7 @@
 // Values to copy, and secrets that are shown once.
 import { html, useRef, useState } from "../ui.js";
+import { copied } from "./copied.js";
 import { visible } from "./text.js";
-
-/** Copies a text; false where the browser does not allow it. @param {string} text */
-const copied = (text) => Promise.resolve(navigator.clipboard?.writeText(text) ?? Promise.reject()).then(() => true, () => false);
-
-/** Copies a text that is not on the page, and says so; shows the text where the browser does not allow it. */
-export function useCopied() {
-  const [note, setNote] = useState(/** @type {any} */ (null));
-  const copy = async (/** @type {string} */ text, /** @type {string} */ what) =>
-    setNote((await copied(text))
-      ? `Copied: ${what}.`
-      : html`<label>${what} <input readonly size="40" value=${text} onFocus=${(event) => event.currentTarget.select()} /></label>`);
-  return { copy, note };
-}
 
 /** Copies the text of an element. If the browser forbids that, selects it. */
 function useCopy() {

@@ -1,17 +1,21 @@
 // What a run shows: its games by task and seed, score curves, metrics, and its facts as they were declared and counted.
 import { html, useState } from "../ui.js";
 import { request, route } from "../api.js";
-import { Score, SuiteLink, interval, scale } from "./boards.js";
-import { LineChart, Sparkline, alike, extent, short } from "./chart.js";
+import { Score, SuiteLink, inRanges, interval, scale } from "./boards.js";
+import { Sparkline, alike, dollars, extent, short } from "./chart.js";
 import { Download } from "./download.js";
+import { duration } from "./duration.js";
 import { Items } from "./listed.js";
 import { useLoaded } from "./load.js";
 import { METRICS, metricName } from "./metrics.js";
 import { eachPage } from "./pages.js";
 import { Waiting } from "./problem.js";
-import { percent, roundsText } from "./status.js";
-import { LongText, Text } from "./text.js";
-import { Time, duration } from "./time.js";
+import { settingsText } from "./rules.js";
+import { percent } from "./status.js";
+import { Facts } from "./table.js";
+import { LongText, Name, PromptName, Text } from "./text.js";
+import { Time } from "./time.js";
+import { roundsText, samplingText } from "./words.js";
 
 /** The number of points of a curve. */
 const POINTS = 50;
@@ -91,39 +95,6 @@ function Game({ games, seed, scores, range, score }) {
 /** Whether a game that was opened did not end as planned. @param {any} game */
 export const isFailed = ({ void_reason, status }) => void_reason !== null || ["aborted", "abandoned"].includes(status);
 
-/** The mean of the games of each task, round by round, between the lowest and the highest. @param {{games: any[], scores: Scores}} props */
-export function Curves({ games, scores }) {
-  const known = games.filter(({ void_reason, episode }) => void_reason === null && scores.has(episode));
-  if (known.length === 0) return html`<p class="empty">There are no curves to show.</p>`;
-  return html`<div class="curves">
-    ${[...Map.groupBy(known, ({ task }) => task)].map(([task, of]) => {
-      const { every, series } = summary(of.map(({ episode }) => /** @type {any} */ (scores.get(episode))));
-      const ends = series.map(({ name, values }) => `${name} ${short(values.at(-1))}`).join(", ");
-      const label = `Score in ${of.length} games of ${task}: mean, lowest and highest by round; at the end ${ends}`;
-      return html`<section key=${task} aria-label=${task}>
-        <h3>${task}</h3>
-        <${LineChart} series=${of.length > 1 ? series : series.slice(0, 1)} label=${label} width=${380} height=${150} every=${every} />
-      </section>`;
-    })}
-  </div>`;
-}
-
-/** @param {{rounds: number, every: number, scores: number[]}[]} games */
-function summary(games) {
-  const rounds = Math.max(...games.map((game) => game.rounds), 1);
-  const every = Math.max(1, Math.ceil(rounds / POINTS));
-  // A game that ended keeps its score.
-  const columns = Array.from({ length: Math.floor(rounds / every) + 1 }, (_, index) =>
-    games.map(({ every: own, scores }) => scores[Math.min(Math.round((index * every) / own), scores.length - 1)]),
-  );
-  const lines = {
-    mean: (/** @type {number[]} */ scores) => scores.reduce((sum, score) => sum + score, 0) / scores.length,
-    lowest: (/** @type {number[]} */ scores) => Math.min(...scores),
-    highest: (/** @type {number[]} */ scores) => Math.max(...scores),
-  };
-  return { every, series: Object.entries(lines).map(([name, of]) => ({ name, values: columns.map(of) })) };
-}
-
 /** The metrics of a run's games, by task: on request, as the server may have to measure them. @param {{id: string, version?: unknown}} props */
 export function Metrics({ id, version }) {
   const [isWanted, setIsWanted] = useState(false);
@@ -172,23 +143,27 @@ async function means(id, signal) {
 }
 
 export function About({ run }) {
-  const { suite, acts, agent_meta: declared } = run;
+  const { suite, acts, agent_meta: declared, holders = [] } = run;
+  const isTeam = holders.length > 0;
+  const reads = !isTeam && run.prompt !== "none";
   const took = run.ended_at && `, took ${duration(new Date(run.ended_at).getTime() - new Date(run.created_at).getTime())}`;
   const facts = [
     ["Suite", html`<${SuiteLink} run=${run} />, rules ${suite.rules} <span class="mono small">${suite.digest}</span>`],
-    ["Setting", settingText(suite.settings)],
+    ["Setting", `${settingsText(suite.settings)}${suite.settings.round_deadline_s ? `; ${suite.settings.round_deadline_s} s a round` : ""}`],
     ["Started", html`<${Time} value=${run.created_at} />${took}`],
-    ["Sampling", `temperature ${run.temperature ?? "not declared"}, top p ${run.top_p ?? "not declared"}`],
-    ["Prompt", run.template_digest ? html`own template <code>${run.template_digest}</code>` : "built-in template"],
-    ["Who plays", run.player ? html`the server, built-in player <${Text} value=${run.player} />` : "a client, with the token of the run"],
+    reads && ["Sampling", html`<${Text} value=${samplingText(run) || "not declared"} />`],
+    reads && ["Prompt", html`<${PromptName} value=${run.prompt} />${run.template_digest && html`, template <code>${run.template_digest}</code>`}`],
+    ["Who plays", isTeam ? "a team, each with a token of its own" : run.player ? html`the server, built-in player <${Text} value=${run.player} />` : "a client, with the token of the run"],
     ["Acts", acts.sent > 0 ? actsText(acts) : "none counted yet; they are counted when a game ends"],
     ["Tokens", acts.prompt_tokens + acts.completion_tokens > 0 ? tokensText(acts) : "none reported"],
+    ["Cost", acts.usage?.priced && `${acts.usage.priced < acts.sent ? "at least " : ""}$${dollars(acts.usage.cost_nano_usd / 1e9)}`],
     ["Visible to", run.visibility],
     ["Id", html`<code>${run.id}</code> (<${Download} href=${route`/api/v1/runs/${run.id}`} name=${`${run.id}.json`}>JSON<//>)`],
   ];
   return html`
+    ${isTeam && html`<h2>Who has which seats</h2><${Holders} holders=${holders} />`}
     <h2>About this run</h2>
-    <dl class="facts">${facts.map(([name, value]) => html`<dt>${name}</dt><dd>${value}</dd>`)}</dl>
+    <${Facts} facts=${facts} />
     ${Object.keys(declared).length > 0 &&
     html`<details>
       <summary>Declared facts about the player</summary>
@@ -197,15 +172,25 @@ export function About({ run }) {
   `;
 }
 
+/** Who has which seats of a team, as declared. @param {{holders: any[]}} props */
+function Holders({ holders }) {
+  const columns = [
+    ["Holder", ({ name }) => html`<${Name} value=${name} />`],
+    ["Seats", ({ seats }) => inRanges(seats)],
+    ["Model", ({ model, player }) => (player ? "built-in, played by the server" : html`<${Name} value=${model} />`)],
+    ["Sampling", (holder) => html`<${Text} value=${samplingText(holder) || "–"} />`],
+    ["Prompt", ({ prompt }) => html`<${PromptName} value=${prompt ?? "–"} />`],
+  ];
+  return html`<${Items} label="Holders of the team" items=${holders} keyOf=${({ name }) => name} columns=${columns} />`;
+}
+
 const actsText = ({ sent, invalid_share, timeout_share }) =>
   `${short(sent)}, ${percent(invalid_share)} invalid, ${percent(timeout_share)} of moves timed out`;
 
-const tokensText = ({ prompt_tokens, completion_tokens }) => `${short(prompt_tokens)} of prompts, ${short(completion_tokens)} of answers`;
-
-const settingText = ({ num_agents, width, height, view_size, memory, max_round, control, noise, max_delay, round_deadline_s }) =>
-  [
-    `${num_agents} agents, ${width} × ${height} cells, view ${view_size}, memory ${memory}, ${max_round} rounds, ${control}`,
-    noise > 0 && `noise ${noise}`,
-    max_delay > 0 && `delay up to ${max_delay} rounds`,
-    round_deadline_s && `${round_deadline_s} s a round`,
-  ].filter(Boolean).join(", ");
+/** @param {any} acts */
+function tokensText({ prompt_tokens, completion_tokens, usage = {} }) {
+  const { cached_tokens, cache_write_tokens, reasoning_tokens } = usage;
+  const part = (/** @type {number | undefined} */ tokens, /** @type {string} */ words) => (tokens ? `, ${short(tokens)} of them ${words}` : "");
+  return `${short(prompt_tokens)} of prompts${part(cached_tokens, "from a cache")}${part(cache_write_tokens, "written into one")}; ${
+    short(completion_tokens)} of answers${part(reasoning_tokens, "reasoning")}`;
+}

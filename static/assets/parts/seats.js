@@ -18,7 +18,7 @@ export function SeatTable({ seats, onTake }) {
   const columns = [
     ["Agent", ({ agent }) => agent.replace("_", " ")],
     ["Player", player],
-    ["Holder", ({ holder, claim }) => (holder === "server" ? "this server" : html`<${Text} value=${holder ?? (claim === 0 ? "creator" : "")} />`)],
+    seats.some(({ holder, claim }) => holder || claim === 0) && ["Holder", ({ holder, claim }) => (holder === "server" ? "this server" : html`<${Text} value=${holder ?? (claim === 0 ? "creator" : "")} />`)],
   ];
   return html`<${Items} label="Seats" columns=${columns} items=${seats.slice(0, LISTED_MAX)} keyOf=${({ agent }) => agent} />`;
 }

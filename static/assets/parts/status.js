@@ -22,15 +22,6 @@ const RUNS = {
   closed: "Its competition closed. Games that were never played count as 0",
 };
 
-/** @type {Record<string, string>} */
-const REASONS = {
-  task_done: "the task was done",
-  rounds_played: "all rounds were played",
-  aborted: "aborted",
-  idle: "nobody acted for too long",
-  closed: "the competition closed",
-};
-
 /** Reasons why answers did not count. @type {Record<string, string>} */
 const FAILURES = {
   refusal: "refused",
@@ -51,9 +42,6 @@ export const failureText = (kind) => FAILURES[kind] ?? kind;
 export const failuresText = (failures = {}) =>
   Object.entries(failures).sort(([, one], [, other]) => other - one).map(([kind, count]) => `${count} ${failureText(kind)}`).join(", ");
 
-/** @param {string | null | undefined} reason */
-export const reasonText = (reason) => (reason ? (REASONS[reason] ?? reason) : "");
-
 /** @param {string} status */
 export const runStatusText = (status) => RUNS[status] ?? "";
 
@@ -61,9 +49,6 @@ export const runStatusText = (status) => RUNS[status] ?? "";
 export const Status = ({ status, of = "game" }) =>
   html`<span class=${`badge ${["aborted", "abandoned", "closed"].includes(status) ? "bad" : status === "running" ? "good" : ""}`}
     title=${(of === "run" ? RUNS : GAMES)[status]}>${status}</span>`;
-
-/** @param {number} count */
-export const roundsText = (count) => (count === 1 ? "1 round" : `${count} rounds`);
 
 /** @param {number | null | undefined} share 0 to 1 */
 export function percent(share) {

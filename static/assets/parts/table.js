@@ -1,5 +1,5 @@
 // Tables that scroll sideways, and heads that sort them.
-import { html } from "../ui.js";
+import { html, useState } from "../ui.js";
 
 /**
  * A table; heads of numbers begin with "#".
@@ -14,6 +14,21 @@ export const Table = ({ label, heads, name, caption, children }) => html`<div cl
     ${children}
   </table>
 </div>`;
+
+/** The number of things shown at first; more on request. */
+export const SHOWN = 48;
+
+/** The first of many things, and a button for more. @param {{items: any[], wrap: (shown: any[]) => unknown}} props */
+export function Shown({ items, wrap }) {
+  const [count, setCount] = useState(SHOWN);
+  return html`${wrap(items.slice(0, count))}
+  ${items.length > count && html`<p><button type="button" onClick=${() => setCount(count + SHOWN)}>Show more (${items.length - count})</button></p>`}`;
+}
+
+/** Facts by their names; those without a value are left out. @param {{facts: any[], look?: string}} props look: the class of values */
+export const Facts = ({ facts, look }) => html`<dl class="facts">
+  ${facts.filter((fact) => fact && ![null, undefined, false, ""].includes(fact[1])).map(([name, value]) => html`<dt>${name}</dt><dd class=${look}>${value}</dd>`)}
+</dl>`;
 
 /**
  * A head that sorts by its column, and turns the order around where `back` is another one.

@@ -30,6 +30,9 @@ const joins = (text, index) =>
 /** A short text in a line. @param {{value: unknown, title?: string}} props */
 export const Text = ({ value, title }) => html`<bdi class="foreign" title=${title}>${visible(value)}</bdi>`;
 
+/** The name of a prompt, which breaks between its parts. @param {{value: unknown}} props */
+export const PromptName = ({ value }) => html`<bdi class="foreign">${visible(value).split(/(?<=[+:,])/).map((part) => html`${part}<wbr />`)}</bdi>`;
+
 /** The number of characters of a name in a table; the rest of a longer one is a press away. */
 const NAME_CHARS = 48;
 

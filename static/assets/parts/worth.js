@@ -101,9 +101,6 @@ export const Missing = ({ worth, part }) => {
   return missing && html`<p class="muted small">${part === "values" ? "What could still be scored" : "What each decision lost"} is not computed: <${Text} value=${missing.detail} />.</p>`;
 };
 
-/** @param {{agent: string}} decision */
-export const agentOf = ({ agent }) => Number(agent.replace("Agent_", ""));
-
 /**
  * The decisions that lost most. The server works them out when they are asked for: that takes up to a minute.
  * @param {Game} game
@@ -116,28 +113,6 @@ export function useLosses(game, worth) {
   const known = value ?? (worth?.dearest ? worth : null);
   const decisions = useMemo(() => (known?.dearest ?? []).filter(({ round }) => round >= game.first && round < game.last), [known]);
   return { known, decisions, problem, reload, ask: () => setAsked(true) };
-}
-
-/** The decisions that lost most, each a button to its round. @param {{worth: Worth, losses: Losses, round: number, onShow: (decision: Decision) => void}} props */
-export function LossList({ worth, losses: { known, decisions, problem, reload, ask }, round, onShow }) {
-  const isEmpty = known?.dearest && decisions.length === 0;
-  return html`<details class="losses" onToggle=${(event) => event.currentTarget.open && ask()}>
-    <summary>What decisions lost</summary>
-    <p class="muted small">
-      The worth of a state is the score that the reference, <${Text} value=${worth.reference} />, reaches from it on all seats. A decision lost as much as the worth would be higher if this agent alone had done what the reference does.
-      ${worth.reference_is_weak && " It is weak here: from the start it would have scored less than this game did."}
-    </p>
-    <p role="status">${problem || known ? (isEmpty ? "No decision lost anything." : "") : "Each decision is replaced by the reference’s. That takes up to a minute …"}</p>
-    ${problem && html`<${ProblemNote} problem=${problem} retry=${reload} what="What decisions lost" />`}
-    <${Missing} worth=${known} part="seats" />
-    <ol class="plain">
-      ${decisions.map(
-        (decision) => html`<li><button type="button" class="quiet" aria-current=${decision.round === round} onClick=${() => onShow(decision)}>
-          <span class="number">Round ${decision.round}</span> <${Text} value=${decision.words} /> <b class="number">−${short(decision.loss)}</b>
-        </button></li>`,
-      )}
-    </ol>
-  </details>`;
 }
 
 /** The reference's next rounds from the shown one, until another is shown. @param {Game} game @param {number} round */

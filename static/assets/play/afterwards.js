@@ -4,17 +4,17 @@ import { request, route, tokenOf, withQuery } from "../api.js";
 import { standing } from "../game/marks.js";
 import { PARTS } from "../game/parts.js";
 import { Viewer } from "../game/viewer.js";
+import { agentOf } from "../parts/actions.js";
 import { Loaded, useLoaded } from "../parts/load.js";
 import { openGame } from "../parts/served.js";
 import { againQuery } from "./player.js";
-import { numberOf } from "./words.js";
 
 /** @param {{id: string, summary: any, obs: any, leave: () => void}} props */
 export function Afterwards({ id, summary, obs, leave }) {
   if (id.startsWith("run_")) return html`<${RunOver} id=${id} leave=${leave} />`;
   if (!summary?.result) return html`<h1>The game is over</h1><p class="muted" role="status">Loading …</p>`;
   const { result, config } = summary;
-  const own = obs ? numberOf(obs.agent) : 0;
+  const own = obs ? agentOf(obs) : 0;
   return html`<h1>${summary.task}: the game is over</h1>
     <p role="status">
       ${standing(/** @type {any} */ ({ head: { status: summary.status, rounds: result.rounds }, summary }))} The swarm scored <b class="number">${result.score.toFixed(2)}</b>.

@@ -1,9 +1,9 @@
 // Forks a game from the round on the page: a new game begins with that state.
 import { html, useEffect, useRef } from "../ui.js";
 import { visit } from "../app.js";
-import { request, route } from "../api.js";
+import { onceKey, request, route } from "../api.js";
 import { Secret } from "../parts/copy.js";
-import { Refused, allSeats, holdAll, onceKey } from "./player.js";
+import { Refused, allSeats, holdAll } from "./player.js";
 
 /** @typedef {{id: string, round: number, token: string}} Fork */
 

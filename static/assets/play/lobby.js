@@ -1,8 +1,8 @@
 // A held seat before the game starts: the missing players, and how to invite them.
 import { html, useState } from "../ui.js";
-import { remembered, request, route } from "../api.js";
+import { onceKey, remembered, request, route } from "../api.js";
 import { useLoaded, useTask } from "../parts/load.js";
-import { HUMAN, onceKey } from "./player.js";
+import { HUMAN } from "./player.js";
 import { ProblemNote } from "../parts/problem.js";
 import { SeatTable } from "../parts/seats.js";
 import { Countdown } from "../parts/time.js";

@@ -1,10 +1,11 @@
 // Starts games for people: settings and fellow players.
 import { html, submits, useState } from "../ui.js";
 import { visit } from "../app.js";
-import { remember, request, route } from "../api.js";
-import { useTask } from "../parts/load.js";
+import { onceKey, remember, request, route } from "../api.js";
+import { Choice } from "../parts/filters.js";
 import { GOALS, TASKS } from "../parts/goals.js";
-import { HUMAN, NameField, Refused, allSeats, holdAll, onceKey, playerName } from "./player.js";
+import { useTask } from "../parts/load.js";
+import { HUMAN, NameField, Refused, allSeats, holdAll, playerName } from "./player.js";
 import { claimSeat } from "./take.js";
 
 /** Sizes by their names. @type {Record<string, Record<string, number>>} */
@@ -129,15 +130,14 @@ function More({ form, set }) {
   const to = (/** @type {string} */ field) => (event) => set({ [field]: event.target.value });
   const number = (/** @type {string} */ field, /** @type {string} */ label, /** @type {number} */ min, /** @type {number} */ max) =>
     html`<label>${label} <input type="number" min=${min} max=${max} required value=${form[field]} onInput=${to(field)} /></label>`;
-  const choice = (/** @type {string} */ field, /** @type {string} */ label, /** @type {Record<string, string>} */ options) => html`<label>${label}
-    <select value=${form[field]} onChange=${to(field)}>${Object.entries(options).map(([value, name]) => html`<option value=${value}>${name}</option>`)}</select>
-  </label>`;
+  const choice = (/** @type {string} */ field, /** @type {string} */ label, /** @type {(string | string[])[]} */ options) =>
+    html`<${Choice} label=${label} value=${form[field]} options=${options} all=${null} onChange=${(/** @type {string} */ value) => set({ [field]: value })} />`;
   return html`<div class="row">
     ${number("num_agents", "Agents", 1, 1024)} ${number("side", "Cells on a side", 8, 256)} ${number("max_round", "Rounds", 1, 100_000)}
     <label>Seed <input inputmode="numeric" pattern="[0-9]*" placeholder="random" value=${form.seed} onInput=${to("seed")} /></label>
     <label>Seconds a round <input type="number" min="1" max="86400" placeholder="no clock" value=${form.clock} onInput=${to("clock")} /></label>
-    ${choice("player", "Built-in player", { default: "the task's own", random: "random" })}
-    ${choice("control", "Control", { decentralized: "decentralized: small windows", centralized: "centralized: Agent 0 commands" })}
+    ${choice("player", "Built-in player", [["default", "the task's own"], "random"])}
+    ${choice("control", "Control", [["decentralized", "decentralized: small windows"], ["centralized", "centralized: Agent 0 commands"]])}
   </div>
   <p class="muted small">With a clock each seat also has a bank of ${BANK_ROUNDS} rounds. Who knows the seed can compute the map.</p>`;
 }

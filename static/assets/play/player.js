@@ -22,9 +22,6 @@ export function holdAll({ id, swarm_token: token }) {
   return id;
 }
 
-/** A random text, so that a repeated request does not do its work twice. */
-export const onceKey = () => [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
-
 /** The settings of a game as a query of the page `/play`, to play the like again. @param {any} config */
 export const againQuery = (config) => ({
   task: config.task,

@@ -1,9 +1,9 @@
 // The seats of a game before one is held, and the two ways to get one.
 import { html, submits, useRef } from "../ui.js";
 import { visit } from "../app.js";
-import { remember, request, route, tokenOf } from "../api.js";
+import { onceKey, remember, request, route, tokenOf } from "../api.js";
 import { Loaded, useLoaded, useTask } from "../parts/load.js";
-import { HUMAN, NameField, Refused, onceKey, playerName } from "./player.js";
+import { HUMAN, NameField, Refused, playerName } from "./player.js";
 import { ProblemNote } from "../parts/problem.js";
 import { SeatTable } from "../parts/seats.js";
 import { Text } from "../parts/text.js";

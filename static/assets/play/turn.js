@@ -2,13 +2,13 @@
 import { html, submits, useEffect, useEvery, useRef, useState } from "../ui.js";
 import { remember, remembered } from "../api.js";
 import { useKeys } from "../game/keys.js";
-import { ACTIONS, letterOf } from "../parts/actions.js";
+import { ACTIONS, agentOf, letterOf } from "../parts/actions.js";
 import { ownSign } from "../parts/cell.js";
 import { CODES_HELP, Meaning } from "../parts/codes.js";
 import { Text } from "../parts/text.js";
 import { AgentWindow } from "../parts/window.js";
 import { sameRound } from "./seat.js";
-import { numberOf, outcome, rulesOf } from "./words.js";
+import { outcome, rulesOf } from "./words.js";
 
 const TICK_MS = 200;
 const SOON_S = 10;
@@ -31,7 +31,7 @@ export function Turn({ seat, config, onAct }) {
   return html`<div class="turn">
     <section class="sees" aria-label="What your agent sees">
       ${obs.view
-        ? html`<${AgentWindow} cells=${obs.view.cells} rules=${rules} agent=${numberOf(obs.agent)} sign=${ownSign(obs)} action=${receipt?.action} label="What your agent sees" />`
+        ? html`<${AgentWindow} cells=${obs.view.cells} rules=${rules} agent=${agentOf(obs)} sign=${ownSign(obs)} action=${receipt?.action} label="What your agent sees" />`
         : html`<p class="escaped">Your agent has left the map. It sees nothing, and takes no further part. The others play on.</p>`}
     </section>
     <section class="does" aria-label="What your agent hears and does">
@@ -171,7 +171,7 @@ function Memory({ obs, rules }) {
       ${obs.history.map(({ round, action, message }) => html`<li key=${round}>
         <p>Round ${round}: <b>${action ?? "no action"}</b>${message && html`<br />“<${Text} value=${message} />”`}</p>
         ${views.has(round) && html`<${AgentWindow} cells=${views.get(round)}
-          rules=${rules} agent=${numberOf(obs.agent)} action=${action} label=${`What it saw in round ${round}`} />`}
+          rules=${rules} agent=${agentOf(obs)} action=${action} label=${`What it saw in round ${round}`} />`}
       </li>`)}
     </ol>
   </section>`;

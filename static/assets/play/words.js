@@ -9,9 +9,6 @@ import { readCell } from "../parts/cell.js";
 /** The maximum number of things listed besides the four neighbours. */
 const LISTED_MAX = 12;
 
-/** @param {string} agent */
-export const numberOf = (agent) => Number(agent.replace("Agent_", ""));
-
 /** The task and its rules, by which a window is read. @param {any} obs @param {any} config @returns {Rules} */
 export const rulesOf = (obs, config) => ({ task: obs.task.name, rules: config?.rules });
 
