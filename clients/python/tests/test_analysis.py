@@ -23,6 +23,7 @@ from swarmseat import Client, Server, analysis
 from swarmseat.analysis import attribution, figures, pieces, reporting, views, words
 from swarmseat.analysis.metrics import TWELVE
 from swarmseat.analysis.statistics import correlate
+from swarmseat.server import find_binary
 
 
 @pytest.fixture(scope="module")
@@ -491,8 +492,9 @@ def test_the_command_writes_everything(folder: Path, tmp_path: Path, capsys: pyt
     assert reporting.main(["report", str(folder), "--out", str(out), "--quick", "--formats", "svg"]) == 0
     shown = capsys.readouterr()
     assert shown.out == f"{out / 'report.html'}\n"
-    assert shown.err.startswith("[ 1/14] Scores by task and model\n")
-    assert "not made" not in shown.err
+    assert shown.err.startswith("[ 1/15] Scores by task and model\n")
+    # No game of these tables has a cost.
+    assert shown.err.count("not made") == shown.err.count("not made: Score and cost: no game has a known cost") == 1
     page = (out / "report.html").read_text()
     assert reporting.CAUTION in page
     drawn = {f"figures/{path.name}" for path in (out / "figures").iterdir()}
@@ -545,7 +547,9 @@ def test_each_piece_is_one_command(
     one_model = ["--where", "model=model-a"]
     chosen = {"task": one_task, "model": one_task + one_model}
     few = {"attribution": ["--acts", "200", *one_task], "keywords": one_task, "sensitivity": one_model}
-    for name, piece in pieces.PIECES.items():
+    # Teams and costs have games, and tests, of their own.
+    usual = {name: piece for name, piece in pieces.PIECES.items() if name not in {"costs", *pieces.OF_TEAMS}}
+    for name, piece in usual.items():
         arguments = [name, str(folder), *chosen.get(piece.of, []), *few.get(name, [])]
         written = [
             end for end in ("csv", "svg") if reporting.main([*arguments, "--out", f"{tmp_path}/{name}.{end}"]) == 0
@@ -706,3 +710,160 @@ def test_the_page_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys:
     assert "sentence-transformers:all-mpnet-base-v2" in capsys.readouterr().out
     functions = set(re.findall(r"`(\w+)\(", page[page.index("| function |") : page.index("### Another embedder")]))
     assert functions == {name for name in functions if hasattr(analysis, name)}
+
+
+def held(model: str, seats: int, **declared: Any) -> dict[str, Any]:
+    """A holder of a team, as an export has it."""
+    prompt = None if model.startswith("built-in/") else declared.pop("prompt", "default")
+    return {"model": model, "seats": seats, "prompt": prompt, "agent_meta": declared}
+
+
+def games_of_teams(folder: Path, teams: Sequence[tuple[list[dict[str, Any]], list[float]]]) -> Path:
+    """Writes the games of teams: the holders of each, and its scores on the seeds 0, 1, 2 …"""
+    names = [f"team {number}" for number in range(len(teams))]
+
+    def change(tables: Tables) -> None:
+        episodes = tables["episodes"]
+        played = [teams[names.index(model)] for model in episodes["model"]]
+        episodes["team_holders"] = [json.dumps(holders) for holders, _ in played]
+        episodes["team"] = [json.dumps({holder["model"]: holder["seats"] for holder in team}) for team, _ in played]
+        episodes["mixed"] = [len(holders) > 1 for holders, _ in played]
+        episodes["score"] = [dict(enumerate(of)).get(at) for (_, of), at in zip(played, episodes["seed"], strict=True)]
+
+    most = max(len(scores) for _, scores in teams)
+    return swarm_tables.write(folder, tasks=["Foraging"], models=names, seeds=most, change=change)
+
+
+def test_substitution_is_paired_by_seed(tmp_path: Path) -> None:
+    folder = games_of_teams(
+        tmp_path / "teams",
+        [
+            ([held("a", 3)], [1.0, 11.0, 21.0]),
+            ([held("a", 2), held("b", 1)], [2.0, 12.0, 22.0]),
+            ([held("b", 3)], [4.0, 15.0, 23.0, 99.0]),
+            ([held("a", 1), held("b", 1), held("c", 1)], [7.0]),
+        ],
+    )
+    table = analysis.substitution(analysis.load(folder, mixed=[True, False]))
+    told = table[table["of"] == "a"][["by", "replaced", "score", "contribution", "low", "high", "pairs"]]
+    # Layouts differ by 10 points each, and yet a constant gain has no uncertainty.
+    assert told.iloc[1].tolist() == ["b", 1, 12.0, 1.0, 1.0, 1.0, 3]
+    # The fourth seed has no pair, but counts in the mean score.
+    assert (told.iloc[2]["replaced"], told.iloc[2]["score"], told.iloc[2]["pairs"]) == (3, 35.25, 3)
+    half = 6.205346816570706 * np.std([3, 4, 2], ddof=1) / np.sqrt(3)
+    assert told.iloc[2][["contribution", "low", "high"]].tolist() == pytest.approx([3, 3 - half, 3 + half])
+    assert (told.iloc[0]["score"], told.iloc[0]["pairs"]) == (11.0, 0)
+    assert np.isnan(told.iloc[0]["contribution"])
+    assert table[table["of"] == "b"]["replaced"].tolist() == [0, 2, 3]
+    assert len(table) == 6, "three players are no substitution"
+    for out in ("substitution.svg", "substitution.csv"):
+        assert reporting.main(["substitution", str(folder), "--out", str(tmp_path / out)]) == 0
+    assert "seats replaced" in (tmp_path / "substitution.svg").read_text()
+    with pytest.raises(analysis.TooLittleDataError, match="no player replaced another"):
+        analysis.substitution(analysis.load(folder))
+
+
+def test_a_focal_player_is_judged_over_several_backgrounds(tmp_path: Path) -> None:
+    teams = [
+        ([held("f", 1), held("x", 3)], [4.0, 6.0, 8.0]),
+        ([held("f", 1), held("y", 3)], [2.0, 2.0, 2.0, 50.0]),
+        ([held("f", 2), held("y", 2)], [9.0]),
+        ([held("x", 4)], [1.0, 3.0, 5.0]),
+        ([held("y", 4)], [3.0, 3.0, 3.0]),
+    ]
+    folder = games_of_teams(tmp_path / "teams", teams)
+    table = analysis.focal(analysis.load(folder, mixed=[True, False]))
+    [row] = table.to_dict("records")
+    assert (row["focal"], row["seats"], row["backgrounds"], row["task"]) == ("f", 1, "x, y", "Foraging")
+    # Means over the backgrounds are 3, 4 and 5, and 2, 3 and 4 without the focal player.
+    assert (row["score"], row["contribution"], row["low"], row["high"], row["pairs"]) == (4.0, 1.0, 1.0, 1.0, 3)
+    for out in ("focal.svg", "focal.csv"):
+        assert reporting.main(["focal", str(folder), "--out", str(tmp_path / out)]) == 0
+    assert "among x, y" in (tmp_path / "focal.svg").read_text()
+    # A background that did not play alone leaves nothing to compare with.
+    folder = games_of_teams(tmp_path / "less", teams[:4])
+    games = analysis.load(folder, mixed=[True, False])
+    assert analysis.focal(games)[["score", "pairs"]].to_numpy().tolist() == [[4.0, 0]]
+    with pytest.raises(analysis.TooLittleDataError, match="nothing to compare with"):
+        analysis.plot_focal(analysis.focal(games))
+    with pytest.raises(analysis.TooLittleDataError, match="swarms of two others"):
+        analysis.focal(games.where(model=["team 0", "team 2", "team 3"]))
+
+
+def test_players_of_one_model_that_were_asked_differently_stay_apart(tmp_path: Path) -> None:
+    low, high = ({"eval": {"effort": effort, "identity": "0"}, "prompt": "default"} for effort in ("low", "high"))
+    remembers = {"prompt": "default+harness:history=2", "eval": {"effort": "low", "harness": {"history": 2}}}
+    folder = games_of_teams(
+        tmp_path / "teams",
+        [
+            ([held("built-in/random", 3)], [1.0, 2.0, 3.0]),
+            *(
+                ([held("built-in/random", 2), held("m", 1, **declared)], [1.0 + gain, 2.0 + gain, 3.0 + gain])
+                for gain, declared in enumerate([low, high, remembers], 1)
+            ),
+            ([held("x", 3)], [0.0, 0.0, 0.0]),
+            ([held("x", 2), held("m", 1, **low)], [1.0, 1.0, 1.0]),
+        ],
+    )
+    games = analysis.load(folder, mixed=[True, False])
+    table = analysis.substitution(games)
+    gains = table[(table["of"] == "built-in/random") & (table["replaced"] == 1)].set_index("by")["contribution"]
+    names = [
+        'm (eval.effort "low", prompt "default")',
+        'm (eval.effort "high", prompt "default")',
+        'm (eval.effort "low", prompt "default+harness:history=2")',
+    ]
+    assert gains.to_dict() == dict(zip(names, [1.0, 2.0, 3.0], strict=True))
+    # The two others have one background each.
+    assert set(analysis.focal(games)["focal"]) == {"built-in/random", names[0]}
+
+
+def test_the_example_comes_to_a_curve_and_a_table_of_strangers(tmp_path: Path) -> None:
+    def swarmbench(*arguments: str) -> str:
+        command = [str(find_binary()), *arguments]
+        done = subprocess.run(command, check=True, capture_output=True, text=True, cwd=tmp_path)
+        return done.stdout + done.stderr
+
+    example = ROOT / "examples" / "eval" / "teams.toml"
+    shown = swarmbench("eval", str(example), "--verify", "--max-round", "12", "--num-agents", "6", "--db", "teams.db")
+    assert all(part in shown for part in ("built-in/default", "verified:", "6 built-in/random"))
+    swarmbench("export", "teams", "--db", "teams.db", "--format", "parquet")
+    games = analysis.load(tmp_path / "teams", mixed=[True, False])
+    table = analysis.substitution(games)
+    curve = table[(table["of"] == "built-in/default") & (table["by"] == "built-in/random")]
+    assert curve["replaced"].tolist() == [0, 1, 2, 3, 4, 5, 6]
+    gains = curve[curve["replaced"] > 0]
+    assert (gains["contribution"] - (gains["score"] - curve.iloc[0]["score"])).tolist() == pytest.approx([0] * 6)
+    assert ((gains["low"] <= gains["contribution"]) & (gains["contribution"] <= gains["high"])).all()
+    assert gains["pairs"].tolist() == [3] * 6
+    strangers = analysis.focal(games)
+    own = strangers[(strangers["focal"] == "built-in/default") & (strangers["seats"] == 4)].iloc[0]
+    assert own["backgrounds"] == "built-in/random, built-in/wander-and-carry"
+    assert own["low"] <= own["high"]
+
+
+def test_costs_stand_beside_scores(tmp_path: Path) -> None:
+    prices = {"model-a": 0.02, "model_b$1": 0.5}
+
+    def change(tables: Tables) -> None:
+        episodes = tables["episodes"]
+        episodes["cost_usd"] = episodes["model"].map(prices)
+        episodes["acts"] = 36
+        episodes["priced"] = episodes["model"].map({"model-a": 36, "model_b$1": 27}).fillna(0).astype(int)
+
+    folder = swarm_tables.write(tmp_path / "costs", seeds=3, change=change)
+    table = analysis.costs(analysis.load(folder))
+    # Built-in players have no cost.
+    assert list(zip(table["task"], table["model"], strict=True)) == [
+        (task, model) for task in ("Foraging", "Pursuit") for model in prices
+    ]
+    assert table["cost_usd"].tolist() == pytest.approx([0.02, 0.5] * 2)
+    assert table["unpriced"].tolist() == pytest.approx([0, 0.25] * 2)
+    for out in ("costs.svg", "costs.csv"):
+        assert reporting.main(["costs", str(folder), "--out", str(tmp_path / out)]) == 0
+    drawn = (tmp_path / "costs.svg").read_text()
+    assert "US dollars a game" in drawn
+    # Formulas are switched off: a label of a logarithmic axis would show its source.
+    assert "mathdefault" not in drawn
+    with pytest.raises(analysis.TooLittleDataError, match="no game has a known cost"):
+        analysis.costs(analysis.load(swarm_tables.write(tmp_path / "free", seeds=2)))

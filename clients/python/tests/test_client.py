@@ -207,6 +207,10 @@ def test_a_run_its_events_and_the_boards(checked: Checked) -> None:
     assert [row["run"] for row in board["items"]] == [run["id"]]
     assert checked.leaderboard_csv(suite=suite["name"]).count("\n") == 2
     other = checked.create_run(suite="quick", model="m")
+    game = checked.run(other["id"])["games"][0]["episode"]
+    assert checked.with_token(other["swarm_token"]).swarm_acts(episode=game, agent="Agent_0", last=3)["acts"] == []
+    checked.with_token(other["swarm_token"]).abort_episode(game)
+    assert checked.with_token(other["swarm_token"]).repeat_episode(game, "a wrong prompt")["id"] == game
     assert checked.renew_run_token(other["id"])["swarm_token"] != other["swarm_token"]
     assert checked.abort_run(other["id"])["status"] == "aborted"
     assert {"standard", "quick"} <= {suite["name"] for suite in checked.suites()["items"]}
@@ -296,6 +300,9 @@ def test_the_rest_is_within_reach(checked: Checked) -> None:
     assert checked.health()["status"] == "ok"
     assert checked.ready()["status"] == "ok"
     assert checked.request("GET", "/api/v1/competitions", query={"limit": 1})["items"] == []
+    with pytest.raises(ApiError) as error:
+        checked.repeat_episode(checked.create_episode(**SMALL)["id"], "it is no game of a run")
+    assert error.value.code == "changed"
     # The call needs an organizer's key, and a server without keys knows none.
     with pytest.raises(ApiError) as error:
         checked.void_episode(checked.create_episode(**SMALL)["id"], "a power cut")

@@ -28,6 +28,34 @@ class Calls:
         return call("GET", "/obs", query={"after": after, "wait": wait, "prompt": prompt})
 
     @Operation
+    def swarm_acts(
+        self,
+        *,
+        episode: str | None = None,
+        agent: str | None = None,
+        last: int | None = None,
+        before: int | None = None,
+        prompt: bool | None = None,
+    ) -> Call[wire.SeatActs]:
+        """Get the acts of one seat in the last resolved rounds, with what its program kept for its next question.
+
+        Only the holder of the seat may read them so, also while the game is sealed. The answer has about 1 MiB:
+        `before` with the round of its first act continues to older acts that did not fit.
+
+        Args:
+            episode: Id of the episode.
+            agent: Name of an agent whose seat the token holds.
+            last: Number of resolved rounds, up to 20; 1 by default.
+            before: Round before which these rounds are; that which is open by default.
+            prompt: Whether to add the texts for a language model.
+        """
+        return call(
+            "GET",
+            "/swarm/acts",
+            query={"episode": episode, "agent": agent, "last": last, "before": before, "prompt": prompt},
+        )
+
+    @Operation
     def swarm_obs(
         self,
         *,
@@ -341,11 +369,11 @@ class Calls:
     def create_run(
         self, *, idempotency_key: str | None = None, **settings: Unpack[wire.RunRequest]
     ) -> Call[wire.CreatedRun]:
-        """Start a run: a suite of games for one model.
+        """Start a run: a suite of games for one model, or for a team of several.
 
-        The answer has one token for all seats of all games, shown only once. Games are opened in the order of the
-        plan as others end. A repeat with the same `Idempotency-Key` and body returns the same run with a new
-        token and revokes the earlier one.
+        The answer has one token for all seats of all games, or one for each holder of a team, shown only once.
+        Games are opened in the order of the plan as others end. A repeat with the same `Idempotency-Key` and body
+        returns the same run with a new token and revokes the earlier one.
 
         Args:
             idempotency_key: Any text of at most 200 characters that names this creation
@@ -401,15 +429,16 @@ class Calls:
         return call("DELETE", "/api/v1/runs/{}", id)
 
     @Operation
-    def renew_run_token(self, id: str) -> Call[wire.RunToken]:
+    def renew_run_token(self, id: str, *, holder: str | None = None) -> Call[wire.RunToken]:
         """Get a new token for a run, in place of a lost one.
 
-        The earlier token is revoked. The games continue.
+        The earlier token is revoked; in a team, that of the holder. The games continue.
 
         Args:
             id: The run's id
+            holder: Name of the holder in the run's team; only for a run with `holders`.
         """
-        return call("POST", "/api/v1/runs/{}/token", id)
+        return call("POST", "/api/v1/runs/{}/token", id, query={"holder": holder})
 
     @Operation
     def run_metrics(

@@ -18,7 +18,7 @@ RuleSet = Literal["paper", "reference"]
 Control = Literal["decentralized", "centralized"]
 """The control of a swarm. Under `centralized` every agent sees the whole map."""
 
-AnswerReader = Literal["last-marker", "first-marker"]
+AnswerReader = Literal["last-marker", "first-marker", "json"]
 """The reader of language models' answers: the marker that counts."""
 
 Start = Literal["now", "manual"]

@@ -60,6 +60,11 @@ class Operations(Calls):
         return call("POST", EPISODE + "/void", id, body={"reason": reason})
 
     @Operation
+    def repeat_episode(self, id: str, reason: str) -> Call[wire.EpisodeSummary]:
+        """Plays an ended game of an own run again. The earlier one stays, shown with the reason, and counts nowhere."""
+        return call("POST", EPISODE + "/repeat", id, body={"reason": reason})
+
+    @Operation
     def start_attempt(
         self,
         competition: str,

@@ -24,7 +24,7 @@ Mode: TypeAlias = Literal["seats", "turns", "one_seat", "joint"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 
 ANSWER_CHARS_MAX = 65_536
-"""The characters of an answer that are read: the last with the reader `last-marker`, the first with `first-marker`."""
+"""The characters of an answer that are read: the last with the reader `last-marker`, the first with the others."""
 
 _NO_ANSWER = Answer(-1, None, None, "empty")
 _NOT_NAMED = Answer(-1, None, None, "not_named")

@@ -13,18 +13,22 @@ from .correlations import (
     correlations,
     failure_modes,
 )
+from .costs import costs
 from .figures import (
     plot_attribution,
     plot_blocks,
     plot_correlation_matrix,
     plot_correlations,
+    plot_costs,
     plot_dynamics,
+    plot_focal,
     plot_keywords,
     plot_scatter,
     plot_score_trends,
     plot_scores,
     plot_sensitivity,
     plot_shap,
+    plot_substitution,
     save,
 )
 from .problems import (
@@ -40,6 +44,7 @@ from .regression import Regression, blocks, regression
 from .reporting import Report, report
 from .series import dynamics, score_trends
 from .tables import Games, load
+from .teams import focal, substitution
 from .texts import (
     Hash1,
     SentenceTransformers,
@@ -71,9 +76,11 @@ __all__ = [
     "convergence_by_task",
     "correlation_matrix",
     "correlations",
+    "costs",
     "distinctive_words",
     "dynamics",
     "failure_modes",
+    "focal",
     "hash_1",
     "homogeneity",
     "homogeneity_of_games",
@@ -83,16 +90,20 @@ __all__ = [
     "plot_blocks",
     "plot_correlation_matrix",
     "plot_correlations",
+    "plot_costs",
     "plot_dynamics",
+    "plot_focal",
     "plot_keywords",
     "plot_scatter",
     "plot_score_trends",
     "plot_scores",
     "plot_sensitivity",
     "plot_shap",
+    "plot_substitution",
     "regression",
     "relate_to_edits",
     "report",
     "save",
     "score_trends",
+    "substitution",
 ]

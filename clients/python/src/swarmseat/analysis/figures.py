@@ -4,6 +4,7 @@ Colour is never the only cue: markers, hatches and numbers say the same. The sam
 """
 
 import functools
+import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from .correlations import correlation_matrix, correlations, top_metric
 from .metrics import METRICS, TWELVE, Definition, column, title
@@ -36,10 +37,15 @@ BLOCKS = ("others", "own", "observation")
 NAME_CHARS_MAX = 32
 """The maximum length of a model's name in a figure."""
 
+LABEL_CHARS_MAX = 48
+"""The maximum length of a line of a label of teams."""
+
 DOTS_PER_INCH = 150
 
 CHAR_WIDTH = 0.065
 """The approximate width of a character of a legend, in inches."""
+LINE_HEIGHT = 0.15
+"""The approximate height of a line of text, in inches."""
 
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -86,7 +92,9 @@ def _figure(width: float, height: float) -> Figure:
 
 
 def _short(name: str) -> str:
-    short = name if len(name) <= NAME_CHARS_MAX else name[: NAME_CHARS_MAX - 1] + "…"
+    # Names of one provider often differ at their ends only.
+    half = NAME_CHARS_MAX // 2
+    short = name if len(name) <= NAME_CHARS_MAX else f"{name[: half - 1]}…{name[-half:]}"
     # A label that begins with an underscore is left out of legends.
     return f" {short}" if short.startswith("_") else short
 
@@ -456,3 +464,96 @@ def plot_sensitivity(games: Games, across: str = "num_agents", lines: str = "vie
     panels[0].set_ylabel(_counted("score, mean ± deviation", table["n"]))
     _legend(figure, panels[0])
     return figure
+
+
+@_styled
+def plot_costs(table: pd.DataFrame) -> Figure:
+    """Mean scores against mean costs of games, from a table of `costs`: a panel for each task, a mark for each model.
+
+    The line joins the models that no other beats at their cost or less.
+    """
+    tasks = list(dict.fromkeys(table["task"]))
+    columns = min(3, len(tasks))
+    figure = _figure(3.6 * columns, 3.2 * -(-len(tasks) // columns))
+    panels = _grid(figure, len(tasks), columns)
+    styles = dict(_styles(dict.fromkeys(table["model"])))
+    for task, axes in zip(tasks, panels, strict=True):
+        own = table[table["task"] == task].sort_values(["cost_usd", "score"], ascending=[True, False], kind="stable")
+        for _, row in own.iterrows():
+            look = {**styles[row["model"]], "linestyle": "none", "capsize": 2, "markersize": 5}
+            label = _short(str(row["model"]))
+            axes.errorbar([row["cost_usd"]], [row["score"]], yerr=[row["deviation"]], label=label, **look)
+        best = own[own["score"] > own["score"].cummax().shift(fill_value=-np.inf)]
+        axes.plot(best["cost_usd"], best["score"], color="black", linewidth=0.6, zorder=1)
+        least, most = own["cost_usd"].min(), own["cost_usd"].max()
+        # A logarithmic axis has no place for what costs nothing, and few ticks for costs that are close together.
+        if most >= 10 * least > 0:
+            axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if most < 100 * least else (1,)))
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(NullFormatter())
+        else:
+            axes.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+        axes.set(title=task, xlabel="US dollars a game")
+    panels[0].set_ylabel(_counted("score, mean ± deviation", table["games"]))
+    _legend(figure, *panels)
+    return figure
+
+
+@_styled
+def plot_substitution(table: pd.DataFrame) -> Figure:
+    """What replacing seats changed, from a table of `substitution`: a panel for each task, a line for each pair."""
+    tasks = list(dict.fromkeys(table["task"]))
+    columns = min(3, len(tasks))
+    pairs = list(dict.fromkeys(zip(table["of"], table["by"], strict=True)))
+    labels = [_wrapped(f"{of} by {by}") for of, by in pairs]
+    # Intervals stand side by side, so that none hides another.
+    besides = np.linspace(-0.15, 0.15, len(pairs)) * (len(pairs) > 1)
+    legend = LINE_HEIGHT * sum(label.count("\n") + 1 for label in labels)
+    figure = _figure(max(3.6 * columns, 4.8), 3.6 * -(-len(tasks) // columns) + legend)
+    panels = _grid(figure, len(tasks), columns)
+    for task, axes in zip(tasks, panels, strict=True):
+        for (of, by), label, beside, (_, style) in zip(pairs, labels, besides, _styles(labels), strict=True):
+            own = table[(table["task"] == task) & (table["of"] == of) & (table["by"] == by)]
+            # Without a replaced seat there is nothing to compare.
+            gain, low = own["contribution"].fillna(0), own["low"]
+            ends = (gain - low).where(low.notna(), 0)
+            look = {**style, "capsize": 2, "markersize": 4, "label": label}
+            axes.errorbar(own["replaced"] + beside, gain, yerr=ends, **look)
+        axes.axhline(0, color="black", linewidth=0.6)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set(title=task, xlabel="seats replaced")
+    pairs_of_seeds = table.loc[table["replaced"] > 0, "pairs"]
+    panels[0].set_ylabel(_counted("change of the score, 95 % interval", pairs_of_seeds))
+    _legend(figure, *panels)
+    return figure
+
+
+@_styled
+def plot_focal(table: pd.DataFrame) -> Figure:
+    """Contributions among strangers, from a table of `focal`: a panel for each task, a mark for each of them."""
+    known = table.dropna(subset=["contribution"])
+    if known.empty:
+        raise TooLittleDataError("there is nothing to compare with: no backgrounds played all seats on the same seeds")
+    tasks = list(dict.fromkeys(known["task"]))
+    heads = known["focal"] + ", seats: " + known["seats"].astype(str)
+    labels = (heads + ", among " + known["backgrounds"]).map(_wrapped)
+    rows = list(dict.fromkeys(labels))
+    lines = sum(label.count("\n") + 2 for label in rows)
+    figure = _figure(3.4 + LABEL_CHARS_MAX * CHAR_WIDTH, (1 + LINE_HEIGHT * lines) * len(tasks))
+    for task, axes in zip(tasks, _grid(figure, len(tasks), 1), strict=True):
+        own = known[known["task"] == task]
+        places = labels[own.index].map(rows.index)
+        ends = (own["contribution"] - own["low"]).fillna(0)
+        axes.errorbar(own["contribution"], places, xerr=ends, fmt="o", color=COLOURS[0], capsize=2, markersize=4)
+        axes.axvline(0, color="black", linewidth=0.6)
+        axes.set_yticks(range(len(rows)), rows)
+        label = _counted("change of the score, 95 % interval", own["pairs"])
+        axes.set(title=task, xlabel=label, ylim=(len(rows) - 0.5, -0.5))
+    return figure
+
+
+def _wrapped(label: str) -> str:
+    """A label in lines: nothing is cut, as names of players may differ at their ends only."""
+    # A label that begins with an underscore is left out of legends.
+    return textwrap.fill(f" {label}" if label.startswith("_") else label, LABEL_CHARS_MAX, break_on_hyphens=False)

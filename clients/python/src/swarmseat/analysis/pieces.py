@@ -9,24 +9,29 @@ from matplotlib.figure import Figure
 
 from .attribution import ACTS_MAX, action_attribution
 from .correlations import convergence_by_model, convergence_by_task, correlation_matrix, correlations, failure_modes
+from .costs import costs
 from .figures import (
     plot_attribution,
     plot_blocks,
     plot_correlation_matrix,
     plot_correlations,
+    plot_costs,
     plot_dynamics,
+    plot_focal,
     plot_keywords,
     plot_scatter,
     plot_score_trends,
     plot_scores,
     plot_sensitivity,
     plot_shap,
+    plot_substitution,
 )
 from .metrics import TWELVE, Definition
 from .problems import AnalysisError
 from .regression import blocks, regression
 from .series import dynamics, score_trends
 from .tables import Games
+from .teams import focal, substitution
 from .texts import relate_to_edits
 from .words import distinctive_words, keywords
 
@@ -102,6 +107,24 @@ def _sensitivity(games: Games, asked: Options) -> Iterator[Output]:
     yield plot_sensitivity(games, asked.across, asked.lines)
 
 
+def _costs(games: Games, _: Options) -> Iterator[Output]:
+    table = costs(games)
+    yield table
+    yield plot_costs(table)
+
+
+def _substitution(games: Games, _: Options) -> Iterator[Output]:
+    table = substitution(games)
+    yield table
+    yield plot_substitution(table)
+
+
+def _focal(games: Games, _: Options) -> Iterator[Output]:
+    table = focal(games)
+    yield table
+    yield plot_focal(table)
+
+
 def _correlations(games: Games, asked: Options) -> Iterator[Output]:
     table = correlations(games, asked.metrics, asked.definition)
     yield table
@@ -153,12 +176,18 @@ def _attribution(games: Games, asked: Options) -> Iterator[Output]:
     yield plot_attribution(table)
 
 
+OF_TEAMS = frozenset({"substitution", "focal"})
+"""The pieces about games of several holders, which all others leave out."""
+
 PIECES = {
     "scores": Piece("Scores by task and model", "all", "figure 4", _scores),
     "trends": Piece("Scores round by round", "all", "figure 5", _trends),
     "sensitivity": Piece(
         "Scores by number of agents and view size", "all", "figure 8", _sensitivity, ("across", "lines")
     ),
+    "costs": Piece("Score and cost", "all", "", _costs),
+    "substitution": Piece("One player replaced by another, seat by seat", "all", "", _substitution),
+    "focal": Piece("Players among strangers", "all", "", _focal),
     "correlations": Piece("Metrics and the score", "task", "figures S.14, S.18 …", _correlations, _COMPARED),
     "matrix": Piece("All pairs of metrics", "task", "figures S.13, S.17 …", _matrix, _COMPARED),
     "scatter": Piece("The metric with the largest correlation", "task", "figures S.15, S.19 …", _scatter, _COMPARED),

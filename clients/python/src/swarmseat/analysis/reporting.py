@@ -17,7 +17,7 @@ from ..errors import SwarmbenchError
 from .attribution import ACTS_MAX
 from .figures import save
 from .metrics import TWELVE
-from .pieces import PIECES, Options, Output, Piece
+from .pieces import OF_TEAMS, PIECES, Options, Output, Piece
 from .problems import AnalysisError, FilesError
 from .tables import Games, load
 
@@ -178,6 +178,8 @@ def report(
 def _is_wanted(name: str, games: Games, *, quick: bool) -> bool:
     if name == "sensitivity":
         return bool((games.episodes[["num_agents", "view_size"]].nunique() > 1).all())
+    if name in OF_TEAMS:
+        return "team" in games.episodes and bool(games.episodes["team"].str.contains(",", na=False).any())
     return not (quick and name == "attribution")
 
 
@@ -210,7 +212,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command `swarmseat-analysis`. Returns the exit status: 0, 1 for a problem, 130 if it was interrupted."""
     asked = _parser().parse_args(arguments)
     try:
-        games = load(asked.source, **dict(asked.where))
+        usual = {"mixed": [True, False]} if asked.piece in OF_TEAMS else {}
+        games = load(asked.source, **{**usual, **dict(asked.where)})
         if asked.piece == "report":
             _report(asked, games)
         else:

@@ -22,6 +22,11 @@ CONFIDENCE = 0.95
 VIF_MAX = 10.0
 """The variance inflation from which on single coefficients are too uncertain, and a ridge regression is shown, too."""
 
+MEAN_QUANTILE = 0.9875
+"""The quantile of Student's t for the ends of an interval of 95 %, as on boards: scores are skewed."""
+MEAN_VALUES_MIN = 3
+"""The minimum number of values for such an interval."""
+
 RIDGE_PENALTIES = np.logspace(-3, 4, 71)
 
 
@@ -104,6 +109,18 @@ def bootstrap_interval(x: Floats, y: Floats, models: Names, seed: int = 1) -> tu
         return float("nan"), float("nan")
     low, high = np.quantile(r, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return float(low), float(high)
+
+
+def mean_interval(values: Floats) -> tuple[float, float, float]:
+    """The mean and the ends of its 95 % interval, as on boards; NaN for what the values do not allow."""
+    nan, n = float("nan"), len(values)
+    if n == 0:
+        return nan, nan, nan
+    mean = float(values.mean())
+    if n < MEAN_VALUES_MIN:
+        return mean, nan, nan
+    half = float(stats.t.ppf(MEAN_QUANTILE, n - 1) * values.std(ddof=1) / np.sqrt(n))
+    return mean, mean - half, mean + half
 
 
 def benjamini_hochberg(p: Floats) -> Floats:

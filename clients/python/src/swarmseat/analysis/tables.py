@@ -62,8 +62,8 @@ VALUES_SHOWN_MAX = 5
 # Without a schema types are guessed from the rows: a message that looks like a time would become one.
 _TEXTS = """
     episode run task model rules control models start_mode visibility agent_meta prompt_template prompt answer_reader
-    fork_of fill_with player status reason journal_head void_reason suite suite_digest embedder source failure action
-    message receiver response reasoning grid view
+    fork_of team team_holders fill_with player status reason journal_head void_reason suite suite_digest embedder source
+    failure action message receiver response reasoning grid view
 """.split()  # noqa: SIM905 - it is shorter
 
 HOW_TO_EXPORT = "make a complete export with `swarmbench export FOLDER --format parquet --with heard`"
