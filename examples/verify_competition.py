@@ -33,7 +33,7 @@ FIELDS = {
     "game": "slot episode voided?", "episode": "kind slot episode lines head",
     "opening": "kind format episode rules_revision created_at config agent_meta prompt_template digest run salt?"
     " prompt_revision?",
-    "act": "agent source action message? to? valid failure? response? usage? reasoning? bank_spent_ms?",
+    "act": "agent source action message? to? valid failure? response? usage? reasoning? harness? bank_spent_ms?",
     "round": "kind round acts digest score", "end": "kind status reason rounds score open_acts",
 }
 # The fields that later formats have added, each with the first format that has it.
