@@ -189,7 +189,7 @@ fn compare(name: &str, (agent, round): (AgentId, u32), sent: &Sent, kept: Option
         "{name}: {agent} in {round}"
     );
     assert_eq!(
-        kept.usage.map(|usage| (usage.prompt_tokens, usage.completion_tokens)),
+        kept.usage.as_ref().map(|usage| (usage.prompt_tokens, usage.completion_tokens)),
         request.usage.map(|usage| (usage.prompt_tokens, usage.completion_tokens)),
         "{name}: {agent} in {round}"
     );
