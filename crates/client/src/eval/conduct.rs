@@ -393,7 +393,7 @@ fn stop_reason<E: Display>(error: DriveError<E>, own: impl FnOnce(E) -> StopReas
     }
 }
 
-/// Who gets tokens of a run: its only player, or the models of a team by their names in it.
+/// Receivers of a run's tokens: its only player, or the models of a team by their names in it.
 fn token_holders(planned: &Planned) -> Vec<Option<&str>> {
     match &planned.who {
         Who::Model(_) | Who::Player(_) => vec![None],

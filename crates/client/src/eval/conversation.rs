@@ -190,7 +190,7 @@ impl Asker {
         }
     }
 
-    /// What a model is told of an answer that the server would not take, by the server's own reader; `None` if it would, and if
+    /// Reply to an answer that the server would not take, by the server's own reader; `None` if it would take it, and if
     /// the endpoint rejects the question.
     fn fault(&self, answer: &ModelAnswer, sight: &Sight) -> Option<String> {
         let Suite { rules, settings, .. } = &self.names.planned.suite;
@@ -253,7 +253,7 @@ impl Names {
         let mut voided = BTreeMap::<u32, u32>::new();
         for game in run.games {
             let Some(episode) = game.episode else { continue };
-            // Holders of a team are not told the seed, and whoever planned the game knows it.
+            // The server hides seeds from the holders of a team; the plan has them.
             let planned = plan.iter().find(|planned| planned.slot == game.slot);
             let earlier = voided.entry(game.slot).or_default();
             let name = match game.seed.or(planned.map(|planned| planned.seed)) {

@@ -82,7 +82,7 @@ impl HarnessPlan {
         (!all.is_empty()).then_some(Value::Object(all))
     }
 
-    /// What is wrong with the options, for an interface whose answers have `items` or not.
+    /// Fault of the options, for an interface whose answers have `items` or not.
     pub(super) fn problem(&self, has_items: bool) -> Option<String> {
         let names = ["history", "scratchpad", "retries_on_invalid"];
         let [rounds, tries] = [Harness::ROUNDS_MAX, Harness::TRIES_MAX].map(u32::from);

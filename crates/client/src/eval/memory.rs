@@ -1,5 +1,5 @@
 //! What seats remember beyond their prompts: earlier rounds of their dialogue, and notes. The server has all of it in the acts,
-//! so a program that was killed reads it there and goes on with the same questions.
+//! so after a kill the program reads the acts and asks the same questions.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Mutex;
@@ -23,7 +23,7 @@ pub(super) struct Turn {
     items: Vec<Value>,
 }
 
-/// What a seat remembers at the beginning of a round.
+/// Memory of a seat at the beginning of a round.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Recalled {
     pub(super) turns: BTreeMap<u32, Turn>,

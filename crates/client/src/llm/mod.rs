@@ -329,13 +329,13 @@ impl Chat<'_> {
     /// Cost of an answer for a budget, in billionths of a US dollar: as reported, but not less than by the price.
     fn cost(&self, completion: &Completion) -> u64 {
         let usage = completion.answer.usage;
-        // Where tokens are not known, or are beyond all prices, the cost may be what is held for the request.
+        // An answer with unknown tokens, or with more than a price can express, counts as the highest cost of its request.
         let price_of = |price: Price| price.of_usage(&usage).unwrap_or_else(|| self.cost_max());
         let priced = self.settings.price.map(price_of).filter(|_| !completion.is_rejected());
         usage.cost_nano_usd.max(priced).unwrap_or(0)
     }
 
-    /// True if the endpoint reports a cost that cannot be one, or the answer costs more than what is held for it.
+    /// True if the endpoint reports an impossible cost, or the answer costs more than the highest cost of its request.
     fn has_odd_cost(&self, completion: &Completion) -> bool {
         let has_price = self.settings.price.is_some();
         completion.has_false_cost || has_price && self.cost(completion) > self.cost_max()

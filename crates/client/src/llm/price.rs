@@ -105,7 +105,7 @@ impl Price {
         to_nano(usd * self.ratio(read))
     }
 
-    /// The factor of all prices for a prompt of so many tokens.
+    /// Factor of all prices for a prompt of this length.
     fn ratio(&self, prompt_tokens: u64) -> f64 {
         self.step.filter(|step| prompt_tokens > step.below).map_or(1.0, |step| step.ratio)
     }

@@ -229,7 +229,7 @@ impl Chat {
 }
 
 impl Response {
-    /// Adds an event of so many bytes.
+    /// Adds an event with its length in bytes.
     fn add(&mut self, mut event: Value, bytes: usize, meter: &mut Meter) -> Result<bool, Fault> {
         if let Some(number) = event["sequence_number"].as_i64() {
             if self.number.is_some_and(|latest| number <= latest) {
@@ -275,7 +275,7 @@ impl Response {
 }
 
 impl Message {
-    /// Adds an event of so many bytes.
+    /// Adds an event with its length in bytes.
     fn add(&mut self, event: &Value, bytes: usize, meter: &mut Meter) -> Result<bool, Fault> {
         let kind = event["type"].as_str().unwrap_or_default();
         let repeated = || broken("has events that contradict each other or are repeated");

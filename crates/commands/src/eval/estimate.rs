@@ -116,7 +116,7 @@ fn of_model(
     } else {
         part(questions, all.answers.saturating_sub(all.acts), all.acts)
     };
-    // A further try also has the answers before it and what was told of them.
+    // The prompt of a further try also has the earlier answers and the reasons of their faults.
     let told = retried.saturating_mul(answer.saturating_add(TOLD_TOKENS));
     let repeated = part(prompt_tokens, retried, questions);
     prompt_tokens = prompt_tokens.saturating_add(repeated).saturating_add(told);

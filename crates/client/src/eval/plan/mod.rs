@@ -232,7 +232,7 @@ fn answered(suite: &Suite, harness: &HarnessPlan) -> Suite {
     suite
 }
 
-/// How models are asked in one combination of settings.
+/// Settings of the requests to models in one combination.
 struct Asked<'e> {
     experiment: &'e Experiment,
     tasks: &'e [TaskName],

@@ -87,7 +87,7 @@ impl Problems {
         fits
     }
 
-    /// The number of agents of teams, if a game can have so many: it is checked before teams are made.
+    /// Number of agents of a team, if it is within the limits of a game; checked before any team is made.
     pub(super) fn agents(&mut self, asked: i64) -> Option<u16> {
         let agents = u16::try_from(asked).ok().filter(|_| limits::AGENTS.contains(&asked));
         if agents.is_none() {

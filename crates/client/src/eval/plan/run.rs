@@ -196,7 +196,7 @@ impl Planned {
         has_models.then(|| self.of_each(|run| Some(run.prompt().to_string())))?
     }
 
-    /// What is told of the model; for a team what is told of all its models, or with their names what is told of each.
+    /// A description of the model; of a team the one that all its models share, or else each with the name of its member.
     fn of_each(&self, tell: impl Fn(&Self) -> Option<String>) -> Option<String> {
         let Who::Team(team) = &self.who else { return tell(self) };
         let models = team.models();
@@ -281,7 +281,7 @@ impl Planned {
         Some(team.members.iter().map(holder).collect())
     }
 
-    /// What is declared of a player: how it is asked, and its system message.
+    /// Declaration of a player: its evaluation, and its system message.
     fn agent_meta(&self, eval: Map<String, Value>) -> Carried {
         let system = self.system().map(|system| (SYSTEM_MESSAGE.to_owned(), system.json()));
         let eval = (META.to_owned(), Value::Object(eval));
