@@ -28,9 +28,8 @@ const CODES: usize = 50;
 /// Maximum time of the attackers' preparation.
 const PREPARATION_MAX: Duration = Duration::from_mins(4);
 
-/// Maximum time for begun work after the end: an attack on everything may have each of seven errands refused, after
-/// 30 s of trying and a last wait of 5 s for a turn.
-const FINISH_MAX: Duration = Duration::from_mins(5);
+/// Maximum time for begun work after the end.
+const FINISH_MAX: Duration = Duration::from_secs(90);
 
 /// Duration of the attacks.
 #[derive(Clone, Copy, Debug)]
